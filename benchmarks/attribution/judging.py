@@ -4,20 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 
 from daq.machine.machine_file import Machine
 from daq.recordings.recording import Recording
 from fitting.arrays import FloatArray
-from fitting.loop.closing import Examined
-from fitting.loop.kinematic_check import KinematicFinding
-from fitting.loop.residual_loop import other_bands
+from fitting.loop.closing import Asked, asked_of, next_experiment
+from fitting.loop.kinematic_check import KinematicFinding, Kinematics, kinematics
+from fitting.loop.residual_loop import attributed, other_bands
 from fitting.loop.session import Options, Session
 from fitting.pipeline.verdict import NAMED_FROM
-from fitting.residual.findings import Attribution
+from fitting.residual.findings import Attribution, Hypothesis
 from fitting.residual.laws import Law
 from fitting.residual.terms import Term
+from fitting.selection.decision import together
 
 Place = tuple[str, str | None]
 Stated = tuple[str, str | None, float]
@@ -53,6 +55,40 @@ class Findings:
         if any(len(members) > 1 for members in self.sets):
             return "ambiguous"
         return "unexplained" if self.laws else "effect_added" if self.sets else "nothing_missing"
+
+
+@dataclass(frozen=True)
+class Examined:
+    """A session with what the residual loop finds in it: position sensors first, then efforts."""
+
+    session: Session
+    kinematics: Kinematics
+    attribution: Attribution
+
+    @classmethod
+    def of(cls, session: Session) -> Self:
+        """Run the loop."""
+        found = kinematics(session.search.session)
+        return cls(session, found, attributed(session, found.corrections))
+
+    @property
+    def hypotheses(self) -> tuple[Hypothesis, ...]:
+        """Explanations of positions and efforts."""
+        return together(self.kinematics.hypotheses, self.attribution.hypotheses)
+
+    @property
+    def found(self) -> bool:
+        """True where anything was added."""
+        return bool(self.attribution.accepted)
+
+    def question(self) -> Asked | None:
+        """Return the motion to record."""
+        designed = next_experiment(self.session, self.attribution)
+        return None if designed is None else asked_of(designed, self.session)
+
+    def with_recording(self, recording: Recording) -> Self:
+        """Run the loop on one recording more."""
+        return type(self).of(self.session.with_recording(recording))
 
 
 def recordings_of(machine: Machine, tables: Mapping[str, Mapping[str, FloatArray]]) -> list[Recording]:

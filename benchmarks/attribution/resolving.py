@@ -10,14 +10,14 @@ from itertools import count, islice
 
 import numpy as np
 
-from benchmarks.attribution.judging import findings_of, recordings_of
+from benchmarks.attribution.judging import Examined, findings_of, recordings_of
 from benchmarks.attribution.making import BenchCase, make_case, opened
 from benchmarks.attribution.recipe import CaseKey, Selection
 from benchmarks.attribution.verdicts import verdict
 from benchmarks.cases import Line
 from benchmarks.targets import Check, rate
 from daq.recordings.recording import Recording
-from fitting.loop.closing import Asked, Examined, close, next_experiment, settled
+from fitting.loop.closing import Asked, close, next_experiment, settled
 from fitting.loop.session import Options, Session
 from sim_backends.plant.cases import STEMS
 from sim_backends.plant.motion import Motion

@@ -15,7 +15,7 @@ import scipy
 from fitting.arrays import FloatArray
 
 #: Noise widths from zero beyond which two terms of a series say what a speed's noise does to a power of it.
-_FAR = 6.0
+FAR = 6.0
 
 
 def expected_sign(speed: npt.ArrayLike, noise: float) -> FloatArray:
@@ -38,7 +38,7 @@ def expected_power(speed: npt.ArrayLike, noise: float, exponent: float) -> Float
     if noise <= 0:
         return np.asarray(power)
     p, u = exponent, speed / noise
-    near = np.abs(u) < _FAR
+    near = np.abs(u) < FAR
     factor = noise**p * 2 ** ((p + 1) / 2) * scipy.special.gamma(1 + p / 2) / np.sqrt(np.pi)
     inverse = (noise / speed[~near]) ** 2
     power[~near] *= 1 + p * (p - 1) / 2 * inverse * (1 + (p - 2) * (p - 3) / 4 * inverse)

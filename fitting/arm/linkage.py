@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from daq.errors import InputError
 from daq.machine.linkages import Direct, FourBar, Linkage, Polynomial, Rack, ThreePin, reduced
-from daq.machine.machine_file import Joint, Machine
+from daq.machine.machine_file import Cylinder, Joint, Machine
 from fitting.arrays import FloatArray
 
 _polynomial = np.polynomial.polynomial
@@ -122,7 +122,7 @@ def joint_motion(
     joint: Joint, x: npt.ArrayLike, xd: npt.ArrayLike, xdd: npt.ArrayLike
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Compute joint position, speed and acceleration of a piston's motion; inverts :func:`piston_motion`."""
-    linkage = _linkage(joint)
+    linkage = cylinder_of(joint).linkage
     xd, xdd = np.asarray(xd, dtype=float), np.asarray(xdd, dtype=float)
     q = joint_position(joint, x)
     r = lever_arm(linkage, q)
@@ -154,7 +154,7 @@ def joint_position(joint: Joint, x: npt.ArrayLike) -> FloatArray:
     InputError
         If the joint has no cylinder.
     """
-    linkage = reduced(_linkage(joint))
+    linkage = reduced(cylinder_of(joint).linkage)
     x = np.asarray(x, dtype=float)
     if isinstance(linkage, Direct):
         return x.copy()
@@ -293,7 +293,8 @@ def with_parameter(linkage: Linkage, name: str, value: float) -> Linkage:
     return linkage.model_validate({**linkage.model_dump(), name: value})
 
 
-def _linkage(joint: Joint) -> Linkage:
+def cylinder_of(joint: Joint) -> Cylinder:
+    """Return the cylinder of a joint that has to have one (InputError)."""
     if joint.cylinder is None:
         raise InputError("fitting.joints_no_cylinder_no", joint=joint.name)
-    return joint.cylinder.linkage
+    return joint.cylinder

@@ -20,6 +20,7 @@ from daq.messages import Sentence
 from daq.recordings.column_map import ColumnMap
 from daq.recordings.recording import Recording
 from fitting.arm.joint_side import at_joints
+from fitting.arm.linkage import cylinder_of
 from fitting.checks.findings import Finding, Places, filled, finding_of
 from fitting.checks.magnitudes import machine_findings, magnitude_findings
 from fitting.checks.mistakes.channel_trials import late
@@ -86,9 +87,7 @@ def check_files(
     ----------
     files : (role, path)
     machine_file : where lines are looked up
-    columns : which column is which channel, where names are ambiguous
-    resample : whether recordings of other rates are brought to the machine's first
-    progress : called with the share that is done and what is being done
+    columns, resample : as in :func:`fitting.checks.reading.read_leniently`
 
     Raises
     ------
@@ -116,17 +115,12 @@ def check_recordings(
 ) -> tuple[Finding, ...]:
     """Check recordings and machine file for mistakes, the root of each first.
 
+    Mistakes are before notes; what is only a consequence of another one is left out.
+
     Parameters
     ----------
-    machine : of the machine file
     recordings : in SI, of any roles, with all channels or only some
-    places : lines of the machine file
     found : what is known already (of reading the files)
-
-    Returns
-    -------
-    tuple of Finding
-        Mistakes before notes; what is only a consequence of another one is left out.
     """
     places = places or Places()
     result = [*found, *machine_findings(machine, places)]
@@ -273,8 +267,7 @@ def _of_clock(clock: Clock) -> Finding:
 
 def _of_areas(machine: Machine, own: AreaRatio, places: Places) -> Finding:
     joint = machine.joints[own.joint]
-    cylinder = joint.cylinder
-    assert cylinder is not None
+    cylinder = cylinder_of(joint)
     declared = cylinder.rod_area / cylinder.head_area
     ratio = own.rho * declared
     options = []

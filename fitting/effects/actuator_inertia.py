@@ -1,5 +1,3 @@
-"""Inertia that turns with the joint's drive and no link."""
-
 from __future__ import annotations
 
 import numpy as np

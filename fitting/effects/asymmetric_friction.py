@@ -1,5 +1,3 @@
-"""Another friction law extending than retracting: seals are not symmetric."""
-
 from __future__ import annotations
 
 import numpy as np

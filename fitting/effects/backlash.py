@@ -1,9 +1,6 @@
-"""Play in a pin or gear between piston and joint."""
-
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -40,7 +37,7 @@ class Backlash(Effect):
     between_sensors = True
     slow = (0.05, 0.01)  # oil and friction let it be crossed in a tenth of a second
     discrete_shapes = frozenset({"about", "friction", "sensor"})
-    shape_units: ClassVar[Mapping[str, str]] = {"width": "N"}
+    shape_units = {"width": "N"}
     confounders = ("presliding_hysteresis", "structural_flexibility", "encoder_offset")
     experiment = "move slowly through zero load in both directions"
     look_at = "pins, bushings and gear between piston and joint: measure the play by hand"

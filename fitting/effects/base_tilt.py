@@ -1,5 +1,3 @@
-"""A base that is not level: gravity points another way for every joint at once."""
-
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -13,7 +11,7 @@ from fitting.effects.base import BodyColumn, DriveView, Effect, Parameter, Parit
 
 
 class BaseTilt(Effect):
-    """A base that is not level."""
+    """A base that is not level: gravity points another way for every joint at once."""
 
     id = "base_tilt"
     title = "a base that is not level"

@@ -1,9 +1,6 @@
-"""Liquid in a tank or bucket that sloshes with the joint's acceleration."""
-
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -26,7 +23,7 @@ class CarriedLiquid(Effect):
     dependence = "ring-down at 0.5 to 1.5 Hz"
     # J_f is what the rigid body holds of the liquid as if it were frozen: it is taken out again at this joint.
     parameters = (Parameter("J_s", "kg m^2", low=0.0), Parameter("J_f", "kg m^2"))
-    shape_units: ClassVar[Mapping[str, str]] = {"frequency": "Hz"}
+    shape_units = {"frequency": "Hz"}
     confounders = ("structural_flexibility",)
     experiment = "record the ring-down after a stop"
     look_at = "what the joint carries: a tank or bucket that is partly filled"

@@ -1,5 +1,3 @@
-"""A load-holding valve that throttles while an overrunning load is lowered."""
-
 from __future__ import annotations
 
 from collections.abc import Sequence

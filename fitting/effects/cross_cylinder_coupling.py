@@ -1,5 +1,3 @@
-"""Another cylinder's flow moves this cylinder's pressures: a shared return line."""
-
 from __future__ import annotations
 
 from collections.abc import Sequence

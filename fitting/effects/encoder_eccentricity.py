@@ -1,9 +1,6 @@
-"""A joint encoder whose disc is not centred: its error is a harmonic of the angle."""
-
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -17,7 +14,7 @@ _TURNS = 6
 
 
 class EncoderEccentricity(Effect):
-    """A joint encoder whose disc is not centred."""
+    """A joint encoder whose disc is not centred: its error is a harmonic of the angle."""
 
     id = "encoder_eccentricity"
     title = "a joint encoder that runs eccentrically"
@@ -29,7 +26,7 @@ class EncoderEccentricity(Effect):
     dependence = "harmonic of the joint angle"
     parameters = tuple(Parameter(name, "rad", low=-0.1, high=0.1) for name in ("e_s", "e_c", "e_0"))
     discrete_shapes = frozenset({"n"})
-    shape_units: ClassVar[Mapping[str, str]] = {"n": "1"}
+    shape_units = {"n": "1"}
     confounders = ("encoder_offset", "linkage_geometry", "position_harmonic")
     experiment = "compare joint and piston encoder over the whole stroke; no dynamics needed"
     look_at = "how the joint encoder is mounted: its disc or shaft is not centred"

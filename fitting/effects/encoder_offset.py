@@ -1,5 +1,3 @@
-"""A joint encoder whose zero is off."""
-
 from __future__ import annotations
 
 from collections.abc import Sequence

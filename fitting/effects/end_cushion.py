@@ -1,9 +1,6 @@
-"""A cushion that throttles the oil near one end of the stroke."""
-
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
 
 import numpy as np
 
@@ -24,7 +21,7 @@ class EndCushion(Effect):
     parity = Parity.OTHER
     dependence = "even and odd parts, only near one end"
     parameters = (Parameter("k", "N/m^n", low=0.0), Parameter("d", "N s/m^(n+1)", low=0.0))
-    shape_units: ClassVar[Mapping[str, str]] = {"n": "1"}
+    shape_units = {"n": "1"}
     discrete_shapes = frozenset({"side", "n"})
     confounders = ("linkage_geometry", "hose_stiffness", "gas_spring")
     experiment = "dwell inside the cushion"

@@ -1,9 +1,6 @@
-"""A trapped gas volume that one direction of the stroke compresses."""
-
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
 
 import numpy as np
 
@@ -24,7 +21,7 @@ class GasSpring(Effect):
     parity = Parity.EVEN
     dependence = "even in v, monotone in x"
     parameters = (Parameter("f_g", "N", low=0.0), Parameter("f_0", "N"))
-    shape_units: ClassVar[Mapping[str, str]] = {"n": "1"}
+    shape_units = {"n": "1"}
     discrete_shapes = frozenset({"side", "n"})
     confounders = ("hose_stiffness", "end_cushion")
     experiment = "isolate the accumulator"

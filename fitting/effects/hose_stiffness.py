@@ -1,5 +1,3 @@
-"""Hoses and cable harness that pull the joint towards a middle position."""
-
 from __future__ import annotations
 
 from collections.abc import Mapping

@@ -1,5 +1,3 @@
-"""A pin that is not where the machine file has it: the lever arm is wrong."""
-
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -50,9 +48,7 @@ class LinkageGeometry(Effect):
         (``turn``: 1). The piston's sensor may have been zeroed before or after (``zero``: 1; only where both positions
         are measured). ``parameter`` is -1 where the distance is right.
         """
-        cylinder = view.machine.joints[view.joint].cylinder
-        assert cylinder is not None
-        names = parameter_names(cylinder.linkage)
+        names = parameter_names(_linkage(view))
         beside = [("turn", "offset"), ("zero", "retracted")]
         seen = has_both_positions(view.machine, view.joint)
         free = [key for key, name in beside if name in names and (seen or key == "turn")]

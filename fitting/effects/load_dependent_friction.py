@@ -1,5 +1,3 @@
-"""Friction that grows with the force a cylinder carries: seals and bearings pressed harder."""
-
 from __future__ import annotations
 
 from collections.abc import Sequence

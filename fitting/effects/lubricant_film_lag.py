@@ -1,9 +1,6 @@
-"""The lubricating film follows the speed with a lag, so friction against speed is a loop."""
-
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -25,7 +22,7 @@ class LubricantFilmLag(Effect):
     parity = Parity.ODD
     dependence = "odd in v; the loop opens with frequency"
     parameters = (Parameter("b", "N (s/m)^n", low=0.0),)
-    shape_units: ClassVar[Mapping[str, str]] = {"tau": "s", "n": "1"}
+    shape_units = {"tau": "s", "n": "1"}
     discrete_shapes = frozenset({"n"})
     confounders = ("sensor_latency", "actuator_inertia")
     experiment = "one amplitude at three frequencies"

@@ -1,9 +1,6 @@
-"""A mass at the tip that is picked up, or put down, in the course of a recording."""
-
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -14,7 +11,7 @@ from fitting.effects.base import BodyColumn, DriveView, Effect, Parameter, Parit
 
 
 class Payload(Effect):
-    """A mass at the tip from a moment on."""
+    """A mass at the tip that is picked up, or put down, in the course of a recording."""
 
     id = "payload"
     title = "a payload in part of the recordings"
@@ -25,7 +22,7 @@ class Payload(Effect):
     dependence = "all joints upstream at once"
     parameters = (Parameter("m_p", "kg"),)
     discrete_shapes = frozenset({"recording"})
-    shape_units: ClassVar[Mapping[str, str]] = {"t_0": "s"}
+    shape_units = {"t_0": "s"}
     confounders = ("thermal_viscosity_drift", "pressure_drift")
     experiment = "an empty and a loaded run"
     by_motion = False

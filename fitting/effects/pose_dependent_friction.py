@@ -1,5 +1,3 @@
-"""Joint friction that changes with another joint's pose."""
-
 from __future__ import annotations
 
 from collections.abc import Mapping

@@ -1,5 +1,3 @@
-"""Friction that depends on where the piston is: a bore that is not round, a rod that is worn."""
-
 from __future__ import annotations
 
 from collections.abc import Mapping

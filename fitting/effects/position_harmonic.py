@@ -1,9 +1,6 @@
-"""A force that is periodic in position: a screw, a gear, a rod surface."""
-
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
 
 import numpy as np
 
@@ -23,7 +20,7 @@ class PositionHarmonic(Effect):
     parity = Parity.OTHER
     dependence = "periodic in x"
     parameters = (Parameter("a", "N"), Parameter("b", "N"))
-    shape_units: ClassVar[Mapping[str, str]] = {"pitch": "m"}
+    shape_units = {"pitch": "m"}
     discrete_shapes = frozenset({"odd"})
     confounders = ("encoder_eccentricity", "supply_ripple")
     experiment = "change the speed: a harmonic stays in x, a ripple in t"

@@ -1,9 +1,6 @@
-"""Elastic presliding after a reversal (Dahl): friction builds up over a distance, not at once."""
-
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -24,7 +21,7 @@ class PreslidingHysteresis(Effect):
     parity = Parity.OTHER
     dependence = "hysteresis in x, within three x_s of a reversal"
     parameters = (Parameter("f_c", "N", low=0.0),)
-    shape_units: ClassVar[Mapping[str, str]] = {"x_s": "m"}
+    shape_units = {"x_s": "m"}
     confounders = ("sensor_latency", "backlash", "structural_flexibility")
     experiment = "slow reversals at three rates: presliding depends on distance, a delay on time"
     look_at = "seals of the cylinder: their preload; it is usual and only has to be modelled"

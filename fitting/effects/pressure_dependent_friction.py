@@ -1,5 +1,3 @@
-"""Friction of seals that chamber pressure presses against the bore."""
-
 from __future__ import annotations
 
 from collections.abc import Sequence

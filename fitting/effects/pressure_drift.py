@@ -1,9 +1,6 @@
-"""A pressure transducer that drifts in the course of a recording."""
-
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -23,7 +20,7 @@ class PressureDrift(Effect):
     parity = Parity.EVEN
     dependence = "slow in time, independent of motion"
     parameters = (Parameter("d", "N/s"), Parameter("d_0", "N"))
-    shape_units: ClassVar[Mapping[str, str]] = {"tau": "s"}
+    shape_units = {"tau": "s"}
     confounders = ("thermal_viscosity_drift", "payload")
     experiment = "take the first pose again at the end"
     look_at = "the pressure sensor and its temperature: warm up first, replace it if it goes on"

@@ -1,5 +1,3 @@
-"""One pressure transducer whose gain is off."""
-
 from __future__ import annotations
 
 from collections.abc import Sequence

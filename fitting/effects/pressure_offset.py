@@ -1,5 +1,3 @@
-"""A pressure transducer whose zero is off."""
-
 from __future__ import annotations
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Turbulent loss between pressure port and chamber: grows with the square of the speed."""
-
 from __future__ import annotations
 
 import numpy as np

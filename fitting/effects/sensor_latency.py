@@ -1,5 +1,3 @@
-"""Pressures that arrive late, so that effort and motion do not belong together."""
-
 from __future__ import annotations
 
 from fitting.arrays import FloatArray

@@ -1,9 +1,6 @@
-"""The bump of friction at low speed, before a lubricating film carries the seal."""
-
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -23,7 +20,7 @@ class Stribeck(Effect):
     parity = Parity.ODD
     dependence = "odd in v, only at low speed"
     parameters = (Parameter("f_b", "N", low=0.0),)
-    shape_units: ClassVar[Mapping[str, str]] = {"v_s": "m/s", "delta": "1"}
+    shape_units = {"v_s": "m/s", "delta": "1"}
     discrete_shapes = frozenset({"delta"})
     confounders = ("velocity_root_friction", "presliding_hysteresis", "quadratic_loss")
     experiment = "a staircase of constant speeds below 5 mm/s"

@@ -1,5 +1,3 @@
-"""A boom that bends: the link is not where the encoder at the cylinder shows."""
-
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -11,7 +9,7 @@ from fitting.effects.base import SITES, DriveView, Effect, Parameter, Parity, Sh
 
 
 class StructuralFlexibility(Effect):
-    """A link behind the joint's encoder that gives way under load."""
+    """A boom that bends under load: the link is not where the encoder at the cylinder shows."""
 
     id = "structural_flexibility"
     title = "a structure that bends behind the joint"

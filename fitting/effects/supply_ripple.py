@@ -1,9 +1,6 @@
-"""A pump's pulsation: one spectral line that no motion explains."""
-
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -30,7 +27,7 @@ class SupplyRipple(Effect):
     parity = Parity.OTHER
     dependence = "a spectral line unrelated to motion"
     parameters = (Parameter("a", "N"), Parameter("b", "N"))
-    shape_units: ClassVar[Mapping[str, str]] = {"frequency": "Hz"}
+    shape_units = {"frequency": "Hz"}
     experiment = "change the pump's speed: the line moves with it"
     by_motion = False
     look_at = "the pump and its accumulator: worn elements, lost gas charge"

@@ -1,9 +1,6 @@
-"""Oil warms up, its viscosity falls, and the viscous friction with it."""
-
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -23,7 +20,7 @@ class ThermalViscosityDrift(Effect):
     parity = Parity.ODD
     dependence = "odd in v; slow in time, saturating"
     parameters = (Parameter("d", "N s/m", low=0.0),)
-    shape_units: ClassVar[Mapping[str, str]] = {"tau": "s"}
+    shape_units = {"tau": "s"}
     confounders = ("payload", "pressure_drift")
     experiment = "the same cycle cold and warm"
     by_motion = False

@@ -1,9 +1,6 @@
-"""A friction curve with another power of the speed than the base model's cube root."""
-
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from collections.abc import Sequence
 
 from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView, Effect, Parameter, Parity, Shape
@@ -21,7 +18,7 @@ class VelocityRootFriction(Effect):
     parity = Parity.ODD
     dependence = "odd in v"
     parameters = (Parameter("b", "N (s/m)^n", low=0.0),)
-    shape_units: ClassVar[Mapping[str, str]] = {"n": "1"}
+    shape_units = {"n": "1"}
     discrete_shapes = frozenset({"n"})
     confounders = ("stribeck", "quadratic_loss")
     experiment = "a staircase of constant speeds"

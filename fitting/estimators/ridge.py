@@ -36,13 +36,7 @@ class RidgeTowardPrior(RowsEstimator):
     names: tuple[str, ...] = ()
 
     def within(self, stage: StageTwo) -> Self:
-        """Return the same with the stage's prior.
-
-        Raises
-        ------
-        InputError
-            If the stage has none.
-        """
+        """Return the same with the stage's prior; an :class:`~daq.errors.InputError` if it has none."""
         if stage.prior is None:
             raise InputError("fitting.estimator_ridge_needs_prior")
         return replace(self, prior=stage.prior, names=stage.base.names, colour=stage.colour)

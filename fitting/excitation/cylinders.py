@@ -22,7 +22,7 @@ import numpy as np
 from daq.errors import InputError
 from daq.machine.machine_file import Joint, Machine
 from daq.motion_files import Motion
-from fitting.arm.linkage import lever_arm
+from fitting.arm.linkage import cylinder_of, lever_arm
 from fitting.arrays import FloatArray
 from fitting.excitation.fourier import fourier_basis
 from fitting.excitation.limits import LimitUse, interval_use, joint_numbers, size_use
@@ -105,10 +105,9 @@ def piston_limits(joint: Joint) -> tuple[tuple[float, float], float, float]:
 
     The interval is that which the joint's limits span, inside the stroke: the part that is used later on.
     """
-    assert joint.cylinder is not None
-    q = np.linspace(*joint.limits.position, 101)
-    r = float(np.abs(lever_arm(joint.cylinder.linkage, q)).max())
-    x = np.clip(joint.cylinder.linkage.piston_position(q), 0.0, joint.cylinder.stroke)
+    cylinder, q = cylinder_of(joint), np.linspace(*joint.limits.position, 101)
+    r = float(np.abs(lever_arm(cylinder.linkage, q)).max())
+    x = np.clip(cylinder.linkage.piston_position(q), 0.0, cylinder.stroke)
     return (float(x.min()), float(x.max())), r * joint.limits.velocity, r * joint.limits.acceleration
 
 
@@ -154,8 +153,8 @@ def design_cylinder_motion(
 
 def _flow(joint: Joint, speed: FloatArray) -> FloatArray:
     """Compute the flow (N,) into a free cylinder, m^3/s."""
-    assert joint.cylinder is not None
-    return np.where(speed > 0, joint.cylinder.head_area, -joint.cylinder.rod_area) * speed
+    cylinder = cylinder_of(joint)
+    return np.where(speed > 0, cylinder.head_area, -cylinder.rod_area) * speed
 
 
 def _all_cylinders(
@@ -176,9 +175,9 @@ def _all_cylinders(
     conditions: dict[str, float] = {}
     limits: list[LimitUse] = []
     for done, joint in enumerate(chosen):
-        (low, high), top_speed, top_acceleration = piston_limits(joint)
+        (low, high), fastest, hardest = piston_limits(joint)
         middle, half = (low + high) / 2, options.use * (high - low) / 2
-        top_speed, top_acceleration = slower * options.use * top_speed, options.use * top_acceleration
+        top_speed, top_acceleration = slower * options.use * fastest, options.use * hardest
         x, xd, xdd = np.zeros((3, time.size))
         band = time <= options.band_seconds
         band_limits = (half, top_speed, top_acceleration)
@@ -192,7 +191,11 @@ def _all_cylinders(
         columns[joint.name], speed[joint.name], acceleration[joint.name] = x, xd, xdd
         W = stage_one_columns(x, xd, xdd)
         conditions[joint.name] = condition_of_information(W.T @ W)
-        limits += _used(joint, x, xd, xdd)
+        limits += [
+            interval_use(joint.name, "stroke", x, (low, high), "m"),
+            size_use(joint.name, "velocity", xd, fastest, "m/s"),
+            size_use(joint.name, "acceleration", xdd, hardest, "m/s^2"),
+        ]
         if progress is not None:
             progress((done + 1) / len(chosen), max(conditions.values()))
     motion = Motion(machine.name, "unpinned", time, columns)
@@ -265,12 +268,3 @@ def _band_value(
     by_v = weight[:, 2] * sign_slope + weight[:, 3] + weight[:, 4] * root_slope
     g = np.concatenate([weight[:, 1], by_v, weight[:, 0]]) / norm
     return value, g @ stack - float(g @ u) / norm * norm_slope
-
-
-def _used(joint: Joint, x: FloatArray, xd: FloatArray, xdd: FloatArray) -> list[LimitUse]:
-    interval, top_speed, top_acceleration = piston_limits(joint)
-    return [
-        interval_use(joint.name, "stroke", x, interval, "m"),
-        size_use(joint.name, "velocity", xd, top_speed, "m/s"),
-        size_use(joint.name, "acceleration", xdd, top_acceleration, "m/s^2"),
-    ]

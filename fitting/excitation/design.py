@@ -26,7 +26,7 @@ from fitting.arm.base_parameters import BaseParameters, base_regressor, unidenti
 from fitting.arm.dynamics import stacked
 from fitting.arm.joint_side import at_joints
 from fitting.arrays import FloatArray
-from fitting.excitation.fourier import fourier_basis
+from fitting.excitation.fourier import fourier_basis, limit_share
 from fitting.excitation.limits import HydraulicLimits, LimitUse, hydraulic_limits_used, joint_limits_used
 from fitting.excitation.objective import condition_of_information, information
 from fitting.excitation.problem import ExcitationOptions, Problem, pose_problem
@@ -158,13 +158,9 @@ def _finish(problem: Problem, coefficients: FloatArray, gathered: FloatArray | N
         basis = fourier_basis(problem.harmonics[place], options.seconds, fine)
         u = np.stack([basis.position @ c, basis.speed @ c, basis.acceleration @ c])
         aside = home[i] - problem.middle[i]
-        shares = [
-            u[0].max() / (problem.half[i] - aside),
-            -u[0].min() / (problem.half[i] + aside),
-            np.abs(u[1]).max() / problem.top_speed[i],
-            np.abs(u[2]).max() / problem.top_acceleration[i],
-        ]
-        moving[:, :, i] = amplitude[place] * u / max(shares)
+        ways = problem.half[i] - aside, problem.half[i] + aside
+        share = limit_share(u, *ways, problem.top_speed[i], problem.top_acceleration[i])
+        moving[:, :, i] = amplitude[place] * u / share
     home, factor = _shrink(problem, home, moving[:, ::_FINER])
     moving *= factor
     q, qd, qdd = home + moving[0], moving[1], moving[2]

@@ -27,7 +27,7 @@ from daq.machine.machine_file import Joint, Machine
 from daq.messages import Sentence
 from daq.motion_files import Motion
 from fitting.arm.base_parameters import BaseParameters
-from fitting.arm.linkage import joint_position, lever_arm, stroke_limits
+from fitting.arm.linkage import cylinder_of, joint_position, lever_arm, stroke_limits
 from fitting.arrays import FloatArray
 from fitting.excitation.cylinders import CylinderOptions, design_cylinder_motion
 from fitting.excitation.limits import HydraulicLimits, limits_used
@@ -171,8 +171,7 @@ def experiment(arm: Arm, kind: str) -> Experiment:
 
 def _piston_way(joint: Joint, way: Way) -> tuple[float, float, float, float]:
     """Return the middle, half way, speed and acceleration allowed to the piston anywhere."""
-    assert joint.cylinder is not None
-    linkage = joint.cylinder.linkage
+    linkage = cylinder_of(joint).linkage
     x = np.sort(linkage.piston_position(np.array([way.middle - way.half, way.middle + way.half])))
     r = float(np.abs(lever_arm(linkage, np.linspace(way.middle - way.half, way.middle + way.half, 51))).min())
     # Part of the joint's acceleration goes into the changing lever arm; a fifth is plenty for arms that are used.

@@ -94,6 +94,12 @@ def spread_harmonics(count: int, joint: int, joints: int, seconds: float, max_fr
     return tuple(int(k) for k in chosen)
 
 
+def limit_share(u: FloatArray, up: float, down: float, speed: float, acceleration: float) -> float:
+    """Compute the largest share of its limits that a motion uses; ``u`` (3, N) way from home, speed, acceleration."""
+    ways = u[0].max() / up, -u[0].min() / down
+    return float(max(*ways, np.abs(u[1]).max() / speed, np.abs(u[2]).max() / acceleration))
+
+
 _HARMONICS = 5
 _HIGHEST = (0.2, 0.35, 0.6)  # Hz
 
@@ -133,12 +139,7 @@ class Series:
             basis = fourier_basis(self.harmonics[j], self.seconds, time)
             u = np.stack([part @ self.coefficients[j] for part in (basis.position, basis.speed, basis.acceleration)])
             up, down = (low + high) / 2 + half - home, home - (low + high) / 2 + half
-            share = max(
-                u[0].max() / up,
-                -u[0].min() / down,
-                np.abs(u[1]).max() / (use * joint.limits.velocity),
-                np.abs(u[2]).max() / (use * joint.limits.acceleration),
-            )
+            share = limit_share(u, up, down, use * joint.limits.velocity, use * joint.limits.acceleration)
             moving[:, :, j] += min(1.0, self.amplitude[j]) * u / (1.002 * share)  # the peaks between the samples
         return moving[0], moving[1], moving[2]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -136,6 +136,16 @@ def chamber_pressure(
     return np.maximum(push, pull), -per_force * force * slope / r, per_force / r
 
 
+def chamber_pressures(
+    machine: Machine, limits: HydraulicLimits, q: FloatArray, tau: FloatArray
+) -> Iterator[tuple[int, FloatArray, FloatArray, FloatArray]]:
+    """Compute :func:`chamber_pressure` of each cylinder, by its joint's number; ``q``, ``tau`` (N, n)."""
+    for i, joint in enumerate(machine.joints):
+        if joint.cylinder is not None:
+            friction = 0.0 if limits.friction is None else float(limits.friction[i])
+            yield i, *chamber_pressure(joint.cylinder, q[:, i], tau[:, i], friction, limits.back_pressure)
+
+
 def joint_numbers(machine: Machine, names: Sequence[str] | None) -> list[int]:
     """Return the numbers of the joints with these names, all for None.
 
@@ -211,10 +221,7 @@ def hydraulic_limits_used(
         flow, _, _ = supply_flow(machine, q, qd)
         uses.append(size_use(None, "flow", flow, limits.flow, "m^3/s"))
     if limits.pressure is not None and tau is not None:
-        for i, joint in enumerate(machine.joints):
-            if joint.cylinder is None:
-                continue
-            friction = 0.0 if limits.friction is None else float(limits.friction[i])
-            pressure, _, _ = chamber_pressure(joint.cylinder, q[:, i], tau[:, i], friction, limits.back_pressure)
-            uses.append(size_use(joint.name, "pressure", np.maximum(pressure, 0.0), limits.pressure, "Pa"))
+        for i, pressure, _, _ in chamber_pressures(machine, limits, q, tau):
+            high = np.maximum(pressure, 0.0)
+            uses.append(size_use(machine.joints[i].name, "pressure", high, limits.pressure, "Pa"))
     return tuple(uses)

@@ -89,12 +89,7 @@ def spectral_objective(
 
 @dataclass(frozen=True)
 class Probed:
-    """A regressor, and the same at perturbed states: all that derivatives at every sample need.
-
-    Attributes
-    ----------
-    Y : the regressor, shape (N, n, nb)
-    """
+    """A regressor ``Y`` (N, n, nb), and the same at perturbed states: all that derivatives at every sample need."""
 
     Y: FloatArray
     _perturbed: FloatArray  # (nb n, m probes, N)

@@ -16,7 +16,7 @@ import scipy
 
 from fitting.arm.geometry import geometry_of
 from fitting.arrays import FloatArray
-from fitting.excitation.limits import chamber_pressure, supply_flow
+from fitting.excitation.limits import chamber_pressures, supply_flow
 from fitting.excitation.objective import information, probed_regressor, spectral_objective
 from fitting.excitation.problem import ExcitationOptions, Problem, random_start, resampled, states
 
@@ -175,13 +175,7 @@ def _hydraulic_penalty(
         assert limits.base_parameters is not None
         most = _RESERVE * problem.options.use * limits.pressure
         tau = Y @ limits.base_parameters
-        for i, joint in enumerate(problem.machine.joints):
-            if joint.cylinder is None:
-                continue
-            friction = 0.0 if limits.friction is None else float(limits.friction[i])
-            pressure, for_q, for_tau = chamber_pressure(
-                joint.cylinder, q[:, i], tau[:, i], friction, limits.back_pressure
-            )
+        for i, pressure, for_q, for_tau in chamber_pressures(problem.machine, limits, q, tau):
             excess = np.maximum(pressure / most - 1, 0.0)
             value += weight * float(np.mean(excess**2))
             slope_i = 2 * weight / samples / most * excess

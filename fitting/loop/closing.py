@@ -2,7 +2,7 @@
 
 :func:`close` does that until one hypothesis has 95 %, as long as a motion of this arm is expected to get there. It
 knows neither a plant nor a bus: whoever can record a motion is a :class:`Recorder`. What is identified again is an
-:class:`Identified`: :class:`Examined` here, the whole program with its stages in :mod:`fitting.pipeline.resolving`.
+:class:`Identified`: the whole program with its stages (:mod:`fitting.pipeline.resolving`), or its loop alone.
 """
 
 from __future__ import annotations
@@ -14,15 +14,13 @@ from typing import Protocol, Self, TypeVar
 from daq.motion_files import Motion
 from daq.recordings.recording import Recording
 from fitting.effects.base import Effect
-from fitting.loop.kinematic_check import Kinematics, kinematics
-from fitting.loop.residual_loop import attributed
 from fitting.loop.session import Session
 from fitting.planning.next_experiment import MOST_RECORDINGS, NextExperiment, design_next, term_label
 from fitting.residual.findings import Accepted, Attribution, Hypothesis
 from fitting.residual.laws import Law
 from fitting.residual.terms import Term
 from fitting.selection import priors
-from fitting.selection.decision import MOST_NAMED, together
+from fitting.selection.decision import MOST_NAMED
 
 #: Seconds of a designed motion, and generations of its search: one that a machine makes by itself may be long.
 SECONDS, GENERATIONS = 60.0, 6
@@ -106,13 +104,7 @@ def settled(hypotheses: Sequence[Hypothesis]) -> bool:
 
 
 def close(first: Kind, record: Recorder, most: int = MOST_RECORDINGS) -> tuple[Kind, tuple[Step, ...]]:
-    """Record designed motions until one hypothesis has 95 %.
-
-    Parameters
-    ----------
-    first : what was identified
-    record : whoever can record a motion
-    most : motions that are made at most
+    """Record at most so many designed motions until one hypothesis has 95 %.
 
     Returns
     -------
@@ -130,40 +122,6 @@ def close(first: Kind, record: Recorder, most: int = MOST_RECORDINGS) -> tuple[K
         steps.append(Step(last.hypotheses, asked, recording.file, after.hypotheses))
         last = after
     return last, tuple(steps)
-
-
-@dataclass(frozen=True)
-class Examined:
-    """A session with what the residual loop finds in it: position sensors first, then efforts."""
-
-    session: Session
-    kinematics: Kinematics
-    attribution: Attribution
-
-    @classmethod
-    def of(cls, session: Session) -> Self:
-        """Run the loop."""
-        found = kinematics(session.search.session)
-        return cls(session, found, attributed(session, found.corrections))
-
-    @property
-    def hypotheses(self) -> tuple[Hypothesis, ...]:
-        """Explanations of positions and efforts."""
-        return together(self.kinematics.hypotheses, self.attribution.hypotheses)
-
-    @property
-    def found(self) -> bool:
-        """True where anything was added."""
-        return bool(self.attribution.accepted)
-
-    def question(self) -> Asked | None:
-        """Return the motion to record."""
-        designed = next_experiment(self.session, self.attribution)
-        return None if designed is None else asked_of(designed, self.session)
-
-    def with_recording(self, recording: Recording) -> Self:
-        """Run the loop on one recording more."""
-        return type(self).of(self.session.with_recording(recording))
 
 
 def next_experiment(session: Session, found: Attribution) -> NextExperiment | None:

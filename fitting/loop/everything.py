@@ -61,20 +61,13 @@ def held_against_everything(
     found: Attribution,
     progress: Progress = quiet,
 ) -> Attribution:
-    """Check each accepted term against all samples.
-
-    Parameters
-    ----------
-    session : of all recordings
-    corrections : what kinematics found
-    search : where it was found
-    found : result of the search; its models and detection limits remain those of the pieces
+    """Check each accepted term that was found in a search against all samples of the whole session.
 
     Returns
     -------
     Attribution
         Accepted terms that hold on everything, with the gain on all of `validate`; candidates and changes with
-        recordings numbered as in the whole.
+        recordings numbered as in the whole. Models and detection limits remain those of the pieces.
     """
     whole = dict(enumerate(search.numbers))
     accepted = [_of(item, renumbered(item.score.term, whole)) for item in found.accepted]
@@ -268,14 +261,7 @@ def _rounds(key: str, reach: float) -> Iterator[FloatArray]:
 
 
 def confirmed_in_effort(session: Session, corrections: Corrections, found: Attribution) -> Attribution:
-    """Return the findings confirmed where the final fit has equal weights; all where it is whitened.
-
-    Parameters
-    ----------
-    session : of all recordings
-    corrections : what kinematics found
-    found : what the loop accepted
-    """
+    """Return the findings confirmed where the final fit has equal weights; all where it is whitened."""
     signals = SessionSignals(session, corrections)
     validate = session.plain.validate
     items = [item for item in found.accepted if not item.score.term.confined]

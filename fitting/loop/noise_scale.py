@@ -36,12 +36,7 @@ def on_fitted_rows(
 ) -> tuple[NoiseModel, tuple[float, ...]]:
     """Scale the noise to the size of the fitted rows, and return each joint's factor (n,).
 
-    Parameters
-    ----------
-    design : the rows
-    noise : as residuals gave it; a measured one is left as it is
-    fitted : segments that are fitted
-    anew : joints whose noise was estimated; None: all
+    A measured noise is left as it is. Of the others that of the joints ``anew`` was estimated; None: of all.
     """
     factors = np.ones(len(noise.whitenings))
     if noise.measured and not noise.unloaded:

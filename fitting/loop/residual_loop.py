@@ -62,14 +62,7 @@ SCREEN_RATIO, SCREEN_Z = 3.0, 4.0
 
 
 def attributed(session: Session, corrections: Corrections, progress: Progress = quiet) -> Attribution:
-    """Attribute the residual of a session to its causes.
-
-    Parameters
-    ----------
-    session : of all recordings; effects are searched for on its pieces (:attr:`Session.search`)
-    corrections : of the positions, as kinematics found
-    progress : called with a fraction and plain words
-    """
+    """Attribute a session's residual to its causes; effects are searched for on its pieces (:attr:`Session.search`)."""
     search = session.search
     found = run_attribution(search.session, corrections, progress)
     if not search.whole:

@@ -54,13 +54,7 @@ _MAX_LAG_SECONDS, _SAME_MOTION = 4.0, 0.05
 
 @dataclass(frozen=True)
 class Chosen:
-    """Rows of one recording that are searched.
-
-    Attributes
-    ----------
-    number : of the recording
-    pieces : its stretches, in order, apart from each other
-    """
+    """Rows of a recording, by its number, that are searched: stretches in order, apart from each other."""
 
     number: int
     pieces: tuple[slice, ...]
@@ -77,13 +71,7 @@ class Chosen:
 
 
 def choose_pieces(machine: Machine, recordings: Sequence[Recording], bank: FilterBank, budget: int) -> list[Chosen]:
-    """Choose stretches of recordings with at most about ``budget`` rows in all.
-
-    Parameters
-    ----------
-    recordings : all of them, in any order of roles
-    bank : filters, which lose samples at the ends of each piece
-    budget : rows
+    """Choose stretches of recordings, in any order of roles, with at most about ``budget`` rows in all.
 
     Returns
     -------

@@ -90,13 +90,7 @@ def weighed(
 
 
 def _error_ratio(rows: EffortRows, whitened: FloatArray, equal: FloatArray) -> float:
-    """Return the larger of the two ratios of this module's text; 1 where nothing was fitted.
-
-    Parameters
-    ----------
-    rows : the rows
-    whitened, equal : (n,) root mean square errors of the joints
-    """
+    """Return the larger of this module's two ratios, of joints' RMS errors (n,); 1 where nothing was fitted."""
     counts = rows.rows.astype(float)
     there = (counts > 0) & (equal > 0)
     if not there.any():

@@ -20,11 +20,13 @@ import scipy
 from scipy.linalg.lapack import dpotrf, dpotrs
 
 from daq.errors import HilfitError, InputError
+from fitting.arm.expected import FAR
 from fitting.arrays import FloatArray
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.export.functions import indexed, moving_functions
 from fitting.model.export.printing import PYTHON
+from fitting.model.export.tracing.graph import BINARY, UNARY
 from fitting.model.export.tracing.tracing import Tracer
 
 #: Joint efforts (n,) at a time, position and speed.
@@ -211,20 +213,13 @@ def tracking(
     return effort
 
 
-#: Noise widths beyond which :func:`fitting.arm.expected.expected_power` takes its asymptotic series.
-_FAR = 6.0
-
-
 def _compiled(tracer: Tracer) -> dict[str, Callable[..., list[float]]]:
     """Make :func:`~fitting.model.export.functions.moving_functions` functions of Python, by name."""
     namespace: dict[str, Any] = {
-        **{name: getattr(math, name) for name in ("cos", "exp", "expm1", "hypot", "sin", "sqrt", "tanh", "erf")},
+        **(UNARY | BINARY),
         "np": np,
         "maximum": max,
         "minimum": min,
-        "above": lambda a, b: float(a > b),
-        "at_least": lambda a, b: float(a >= b),
-        "sign": lambda x: float((x > 0) - (x < 0)),
         "signed_power": _scalar_power,
         "curve": lambda x, own: own.at(x),
         "CURVES": {k: (own,) for k, own in enumerate(tracer.graph.curves)},
@@ -239,7 +234,7 @@ def _compiled(tracer: Tracer) -> dict[str, Callable[..., list[float]]]:
 
 
 def _scalar_power(v: float, noise: float, p: float, factor: float) -> float:
-    if noise > 0 and abs(v) < _FAR * noise:
+    if noise > 0 and abs(v) < FAR * noise:
         u = v / noise
         return factor * u * float(scipy.special.hyp1f1((1.0 - p) / 2.0, 1.5, -0.5 * u * u))
     inverse = (noise / v) ** 2 if v else 0.0

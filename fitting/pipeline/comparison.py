@@ -167,11 +167,6 @@ def stage_condition(cylinders: Mapping[str, float], rigid_body: float) -> float:
 def estimation(session: Session, stage_two: RigidBody, final: Weighed) -> dict[str, Any]:
     """Tabulate the ways, of the base model on uncorrected recordings.
 
-    Parameters
-    ----------
-    session, stage_two : with what the second stage found
-    final : the fit with everything that was found
-
     Returns
     -------
     dict

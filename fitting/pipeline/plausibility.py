@@ -76,13 +76,7 @@ class Violation:
 
 @dataclass(frozen=True)
 class Plausibility:
-    """Parameters of a model that cannot be, and the nearest that can.
-
-    Attributes
-    ----------
-    violations : significant ones, the worst first
-    theta : (p,) nearest possible parameters; None where nothing is violated significantly
-    """
+    """What cannot be, significantly and the worst first, and the nearest parameters (p,) that can; None without any."""
 
     violations: tuple[Violation, ...]
     theta: FloatArray | None

@@ -375,11 +375,7 @@ def run_stage(
 ) -> dict[str, Any]:
     """Run one stage, or give back its stored result if it is done, as JSON.
 
-    Earlier stages have to be done; their results are read from ``output/stages``.
-
-    Parameters
-    ----------
-    load : gives the session of the request, where it is needed
+    Earlier stages have to be done; their results are read from ``output/stages``. ``load`` gives the session if needed.
     """
     if stage not in STAGES:
         raise InputError("fitting.no_stage", stage=stage, stages=", ".join(STAGES))

@@ -42,13 +42,7 @@ NAMED_FROM = math.sqrt(least_gain(1))
 
 
 def verdict(results: StageResults, joints: Sequence[str]) -> tuple[str, list[str]]:
-    """Return the verdict and what was in the way of a better one.
-
-    Parameters
-    ----------
-    results : of all stages before the report
-    joints : names
-    """
+    """Return the verdict by all stages before the report, and what was in the way of a better one."""
     mistakes = [f for f in results[Checked].findings if f.severity == "mistake"]
     if mistakes:
         return "check_input", [f.text for f in mistakes]

@@ -82,10 +82,7 @@ class Visibility:
 def typical_terms(machine: Machine, effects: Sequence[Effect], views: Sequence[DriveView]) -> list[tuple[Term, int]]:
     """List every effect on every joint (of neighbours the next one) in one shape of its grid.
 
-    Returns
-    -------
-    list of (Term, int)
-        With the number of shapes and neighbours that a search would choose from.
+    Each with the number of shapes and neighbours that a search would choose from.
     """
     found = []
     for effect in effects:
@@ -111,14 +108,9 @@ def visibilities(
     indices: Sequence[int],
     terms: Sequence[Term],
 ) -> tuple[Visibility, ...]:
-    """Compute the visibility of terms in some segments of a design.
+    """Compute the visibility of terms in some segments of a design, of recordings or of planned motions.
 
-    Parameters
-    ----------
-    design, noise, views : of the recordings, or of planned motions
-    rows : the whitened rows of the base (with all effects that were added, and with a prior's rows at the end)
-    indices : the segments that the rows come from
-    terms : what to look for
+    ``rows`` are the base's whitened rows there, with all effects that were added, and a prior's rows at the end.
     """
     root = inverse_root(np.sum([own.A.T @ own.A for own in rows], axis=0))
     projectors = [own.A @ root for own in rows]

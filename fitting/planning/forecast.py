@@ -66,15 +66,9 @@ def forecast(
     effects: Sequence[Effect],
     recordings: Sequence[Recording] = (),
 ) -> Forecast:
-    """Forecast a set of planned motions, together with what is recorded already.
+    """Forecast a set of planned motions, together with the motion that is recorded already; no efforts are looked at.
 
-    Parameters
-    ----------
-    machine, base : the machine and its base parameters
-    motions : the plan, pinned and unpinned
-    guess : parameters and noise to plan with
-    effects : the catalogue
-    recordings : of the same machine; their motion counts, their efforts are not looked at
+    The plan is pinned and unpinned motions, and ``guess`` has the parameters and the noise to plan with.
 
     Raises
     ------

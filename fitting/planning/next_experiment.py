@@ -261,7 +261,7 @@ class NextExperiment:
                 recordings=self.recordings,
                 chance=100 * self.chance,
             )
-        apart = 100 * np.sqrt(most.expected.share)
+        apart = 100 * np.sqrt(most.expected.worst.share)
         alike = Sentence("fitting.best_motion_cannot_tell", first=first, expected=_differ(most.expected), apart=apart)
         return Sentence("fitting.would_tell", first=alike, by_hand=self.by_hand) if self.by_hand else alike
 
@@ -273,17 +273,17 @@ def term_label(term: Term, joints: Sequence[str]) -> str:
 
 
 def _differ(value: Separation) -> str:
-    return Sentence(
-        "fitting.standard_deviations_effect", standard_deviations=value.standard_deviations, share=100 * value.share
-    )
+    far, share = float(np.sqrt(value.worst.chi_square)), 100 * value.worst.share
+    return Sentence("fitting.standard_deviations_effect", standard_deviations=far, share=share)
 
 
 def _separation_to_json(value: Separation) -> dict[str, float]:
+    worst = value.worst
     return {
-        "chi_square": value.chi_square,
-        "standard_deviations": value.standard_deviations,
-        "own_share": value.share,
-        "needed": value.needed,
+        "chi_square": worst.chi_square,
+        "standard_deviations": float(np.sqrt(worst.chi_square)),
+        "own_share": worst.share,
+        "needed": 2.0 * worst.asked,  # the lead in chi-square that goes with these odds
         "probability": value.probability,
     }
 

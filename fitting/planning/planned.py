@@ -42,12 +42,8 @@ def planned_segment(
 ) -> Segment:
     """Return the segment that preparation would make of a recorded motion, without noise and efforts.
 
-    Parameters
-    ----------
-    machine, bank : the machine, and the filters of the identification
-    noise : position noise per joint: below some times its own noise a speed counts as rest
-    motion : the motion program; joints without a column are mid-range
-    recording : number that the recording will have
+    Joints without a column are mid-range. Below some times the position's own noise a speed counts as rest.
+    ``recording`` is the number that the recording will have.
 
     Raises
     ------

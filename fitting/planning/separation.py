@@ -118,6 +118,11 @@ class Pair:
         """Standard deviations by which what is expected is beyond what is asked for."""
         return (self.expected - self.asked) / self.spread
 
+    @property
+    def share(self) -> float:
+        """Share of the effect that is its own, ``1 - rho^2``, 0 to 1."""
+        return self.chi_square / self.size if self.size > 0 else 0.0
+
 
 @dataclass(frozen=True)
 class Separation:
@@ -129,26 +134,6 @@ class Separation:
     def worst(self) -> Pair:
         """The truth that would be hardest to identify."""
         return min(self.pairs, key=lambda pair: pair.margin)
-
-    @property
-    def chi_square(self) -> float:
-        """Expected excess of the wrong rival's residual sum of squares, of the worst pair."""
-        return self.worst.chi_square
-
-    @property
-    def needed(self) -> float:
-        """Lead in chi-square that goes with the odds that are asked for, of the worst pair."""
-        return 2.0 * self.worst.asked
-
-    @property
-    def share(self) -> float:
-        """Share of the effect that is its own, ``1 - rho^2``, 0 to 1, of the worst pair."""
-        return self.chi_square / self.worst.size if self.worst.size > 0 else 0.0
-
-    @property
-    def standard_deviations(self) -> float:
-        """``d`` of the worst pair."""
-        return float(np.sqrt(self.chi_square))
 
     @property
     def margin(self) -> float:
@@ -203,13 +188,9 @@ def separation(
     rivals: Sequence[Rival],
     chances: Sequence[float] | None = None,
 ) -> Separation:
-    """Predict the rivals' odds.
+    """Predict the rivals' odds from leads by what is recorded, and with a motion more.
 
-    Parameters
-    ----------
-    now, then : leads by what is recorded, and with a motion more
-    rivals : the explanations in question
-    chances : that each is right, as the loop states them; without, the leads by what is recorded are the start
+    ``chances`` that each is right are as the loop states them; without, the leads by what is recorded are the start.
     """
     pairs = []
     for true in range(len(rivals)):

@@ -38,14 +38,7 @@ MADE_UP_SHARE = 0.5
 
 @dataclass(frozen=True)
 class Parameters:
-    """Names of the columns of a regression, and where they are.
-
-    Attributes
-    ----------
-    joints : names of the joints
-    drive : per joint the names of its drive parameters
-    base : the base parameters
-    """
+    """Names of a regression's columns, and where they are: drives' parameters by joint, then the base parameters."""
 
     joints: tuple[str, ...]
     drive: tuple[tuple[str, ...], ...]

@@ -12,13 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cache
 from itertools import chain
-from typing import overload
 
 import numpy as np
 
-from fitting.arrays import FloatArray
+from fitting.arrays import FloatArray, LateSequence
 from fitting.regression.design import Design, Extra, NoiseModel, whitened
 from fitting.regression.prior import Late, Prior, data_share, with_prior
 from fitting.regression.solving import Fit, WhiteRows, solve
@@ -113,37 +112,14 @@ def _long_fit(found: Fit, R: FloatArray, walk: _Walk) -> Fit:
     asked for.
     """
     parts = [[r.b - r.A @ found.theta for r in rows] for rows in walk]
-    return replace(
-        found,
-        residual=tuple(np.concatenate(joint) for joint in zip(*parts, strict=True)),
-        orthonormal=_LateBasis(found, R, walk),
-    )
+    residual = tuple(np.concatenate(joint) for joint in zip(*parts, strict=True))
+    in_columns = np.linalg.lstsq(R[:, found.determined], found.orthonormal[0], rcond=None)[0]
 
+    @cache
+    def orthonormal() -> list[FloatArray]:
+        """``Q = A U`` on the whole rows, as large as all of them together; ``U`` the triangle's with its own basis."""
+        parts = [[r.A[:, found.determined] @ in_columns for r in rows] for rows in walk]
+        return [np.vstack(joint) for joint in zip(*parts, strict=True)]
 
-class _LateBasis(Sequence[FloatArray]):
-    """Orthonormal basis of a fit's rows, joint by joint. It is as large as all rows together, and rarely needed.
-
-    ``Q = A U`` on the whole rows with the ``U`` of the triangle, whose own basis the fit of that has.
-    """
-
-    def __init__(self, found: Fit, R: FloatArray, walk: _Walk) -> None:
-        self._walk = walk
-        self._determined = found.determined
-        self._in_columns = np.linalg.lstsq(R[:, found.determined], found.orthonormal[0], rcond=None)[0]
-
-    @cached_property
-    def _joints(self) -> tuple[FloatArray, ...]:
-        parts = [[r.A[:, self._determined] @ self._in_columns for r in rows] for rows in self._walk]
-        return tuple(np.vstack(joint) for joint in zip(*parts, strict=True))
-
-    def __len__(self) -> int:
-        return len(self._joints)
-
-    @overload
-    def __getitem__(self, place: int) -> FloatArray: ...
-
-    @overload
-    def __getitem__(self, place: slice) -> Sequence[FloatArray]: ...
-
-    def __getitem__(self, place: int | slice) -> FloatArray | Sequence[FloatArray]:
-        return self._joints[place]
+    basis = LateSequence(lambda joint: orthonormal()[joint], len(residual))
+    return replace(found, residual=residual, orthonormal=basis)

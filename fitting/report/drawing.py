@@ -34,9 +34,8 @@ _WIDTH = 690.0
 #: Points drawn per cloud at most: more only makes the file larger.
 _POINTS = 900
 _BINS = 24
-#: Room for an axis' label beside the labels of its marks, and for a line of text.
-_LABEL = 20.0
-_LINE = 20.0
+#: Room for an axis' label beside the labels of its marks, for a line of text, and for a title.
+_LABEL, _LINE, _TITLE = 20.0, 20.0, 22.0
 _NOTHING = np.zeros(1)
 
 
@@ -59,6 +58,13 @@ def _labelled(name: str, units: str, language: Language) -> str:
 def _gutter(*axes: Axis) -> float:
     """Compute the room left of panels for the labels of their vertical axes."""
     return _LABEL + max(y.label_width for y in axes)
+
+
+def _panel_at(
+    left: float, top: float, width: float, height: float, gutter: float, x: Axis, y: Axis, name: str
+) -> Panel:
+    """Make one of several panels in its part of the drawing, with room for title and labels around it."""
+    return Panel(left + gutter, top + _TITLE, width - gutter - 10, height - _TITLE - 40, x, y, name)
 
 
 def draw_scatter(scatter: Scatter, prefix: str, language: Language = ENGLISH) -> str:
@@ -194,20 +200,13 @@ def draw_friction(curves: Sequence[FrictionCurve], language: Language = ENGLISH)
         axis(force - 2 * std, force + 2 * std, _NOTHING, *(() if after is None else after[1:]), marks=5)
         for (_, force, std), after in zip(finite, later, strict=True)
     ]
-    top, row_height, column_width = 22.0, 194.0, _WIDTH / columns
+    row_height, column_width = 194.0, _WIDTH / columns
     gutters = [_gutter(*y_axes[column::columns]) for column in range(columns)]
     parts = []
     for i, curve in enumerate(curves):
         row, column = divmod(i, columns)
-        panel = Panel(
-            column * column_width + gutters[column],
-            row * row_height + top,
-            column_width - gutters[column] - 10,
-            row_height - top - 40,
-            x_axes[i],
-            y_axes[i],
-            f"friction-{i}",
-        )
+        place = column * column_width, row * row_height, column_width, row_height
+        panel = _panel_at(*place, gutters[column], x_axes[i], y_axes[i], f"friction-{i}")
         speed, force, std = finite[i]
         inside = [
             panel.level(0.0),
@@ -243,21 +242,13 @@ def draw_diagnostics(own: JointDiagnostics, prefix: str, language: Language = EN
         (own.cross_lag, own.cross, own.bound, text("with the speed"), text("lag [s]"), text("correlation")),
         (own.frequency, power, 0.0, text("spectrum"), text("frequency [Hz]"), text("log10 of ({})\u00b2/Hz", own.unit)),
     )
-    width, height, top = _WIDTH / 3, 210.0, 22.0
+    width, height = _WIDTH / 3, 210.0
     parts = []
     for column, (x, y, bound, title, x_label, y_label) in enumerate(drawn):
         x, y = _finite(x, y)
         y_axis = axis(y, np.array([-bound, bound]) if bound else y, marks=5)
-        left = _gutter(y_axis)
-        panel = Panel(
-            column * width + left,
-            top,
-            width - left - 10,
-            height - top - 40,
-            axis(x, marks=4),
-            y_axis,
-            f"{prefix}-{column}",
-        )
+        place = column * width, 0.0, width, height
+        panel = _panel_at(*place, _gutter(y_axis), axis(x, marks=4), y_axis, f"{prefix}-{column}")
         inside = [panel.line(x, y, AFTER)]
         if bound:
             edge = np.full(len(x), bound)

@@ -45,7 +45,7 @@ def write_report(
     language: str = ENGLISH.code,
     others: Sequence[str] = (),
 ) -> tuple[Path, Path]:
-    """Write ``report.json`` and a self-contained ``report.html``.
+    """Write ``report.json`` and a self-contained ``report.html``, and return their places.
 
     Both are rendered completely first, written beside their places, and then renamed: a failure leaves what was
     there before. The same input gives the same bytes.
@@ -53,14 +53,9 @@ def write_report(
     Parameters
     ----------
     report : report of schema `hilfit/report/1`; numbers may be numpy's, NaN becomes null
-    figures : what to draw
     directory : made if absent
     language : code of the page's language, ``en`` or ``de``; ``report.json`` is English always
     others : codes of languages that the page is written in as well, to ``report.<code>.html``
-
-    Returns
-    -------
-    paths of the JSON and of the HTML file
 
     Raises
     ------

@@ -29,11 +29,6 @@ DIGITS = 4
 def presented(report: Mapping[str, Any], figures: Figures) -> dict[str, Any]:
     """Add ``summary`` (in all languages), ``figures`` (scatter, friction, diagnostics) and ``messages`` to ``report``.
 
-    Parameters
-    ----------
-    report : report of schema `hilfit/report/1`; left as it is
-    figures : what `report.html` draws
-
     Returns
     -------
     A new report. ``figures.scatter`` has at most :data:`POINTS` points of each cloud, in the order of the samples;

@@ -243,27 +243,23 @@ def nearest(law: Mapping[str, Any], language: Language = ENGLISH) -> str:
 
 def label(loop: Mapping[str, Any], language: Language = ENGLISH) -> str:
     """Word the verdict briefly, of the report's ``loop``."""
-    verdict = loop["verdict"] if looked(loop) else _unlooked(loop)
     left_open = None if loop["effects"] else NAMES["open"].get(loop.get("label") or "")
-    return language.phrase(left_open or NAMES["verdicts"][verdict])
+    return language.phrase(left_open or NAMES["verdicts"][_verdict(loop)])
 
 
-def _unlooked(loop: Mapping[str, Any]) -> str:
-    """Return the verdict where nothing was searched; reports of earlier versions called it nothing."""
+def _verdict(loop: Mapping[str, Any]) -> str:
+    """Return the verdict; where nothing was searched, reports of earlier versions say that nothing is missing."""
     verdict = str(loop["verdict"])
-    return "not_examined" if verdict == "nothing_missing" else verdict
+    return "not_examined" if verdict == "nothing_missing" and not looked(loop) else verdict
 
 
 def verdict_sentence(report: Mapping[str, Any], titles: Mapping[str, str], language: Language = ENGLISH) -> str:
     """Word the verdict in a few sentences; every effect and law that was found is in it.
 
-    Parameters
-    ----------
-    report : a checked report
-    titles : effect id to title in this language, for effects that are only named
+    ``titles`` by effect id are in this language, for effects that are only named.
     """
     loop = report["loop"]
-    verdict = loop["verdict"] if looked(loop) else _unlooked(loop)
+    verdict = _verdict(loop)
     reasons = [language.translated(str(reason)) for reason in loop.get("reasons") or []]
     if verdict == "not_examined" or (verdict == "nothing_missing" and not reasons):
         return _nothing(verdict, over_noise(report, "after"), language)

@@ -299,14 +299,8 @@ def changes(model: Model, pairs: Sequence[Pairing], explained: bool) -> tuple[Ch
     """Find the moments at which a joint's behaviour changes, with all findings taken into account.
 
     What comes back at one phase of the motion in every run of it is no change in time: not what all recordings have at
-    the same moment, and not what another run of the same motion shows at that phase as well. Where the model does not
-    explain the recordings down to their noise, its error has phases, too, and only a second run separates the two.
-
-    Parameters
-    ----------
-    model : with everything that was found
-    pairs : runs of one motion
-    explained : whether the model explains the recordings down to their noise
+    the same moment, and not what another run of the same motion shows at that phase as well. Where the recordings are
+    not ``explained`` down to their noise, the model's error has phases, too, and only a second run separates the two.
     """
     joints = len(model.design.machine.joints)
     found: list[ChangePoint] = []

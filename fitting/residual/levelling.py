@@ -95,14 +95,9 @@ def residual_parts(
     pairs: Sequence[Pairing] = (),
     extra: Extra | None = None,
 ) -> tuple[Part, ...]:
-    """Return a joint's residual in the given segments with their motions.
+    """Return a joint's residual in the given segments with their motions; ``pairs`` of them repeat a motion.
 
-    Parameters
-    ----------
-    design, theta, extra : a fit: its design, its parameters (those of the extra columns at the end), its extra columns
-    joint : number of the joint
-    indices : segments of the design
-    pairs : which segments repeat which motion
+    ``theta`` are the parameters of the fit, those of its ``extra`` columns at the end.
     """
     repeats, begins = {pair.repeat: pair for pair in pairs}, recording_starts(design)
     parts = []

@@ -110,14 +110,7 @@ def machine_lines(
     indices: Sequence[int],
     pairs: Sequence[Pairing] = (),
 ) -> tuple[Line, ...]:
-    """Find lines of all joints measured with a fit's residuals, most certain first.
-
-    Parameters
-    ----------
-    design, theta : the fit
-    indices : the fitted segments
-    pairs : which of them repeat which motion
-    """
+    """Find lines of all joints measured with a fit's residuals, most certain first; ``pairs`` repeat a motion."""
     joints, lines = len(design.machine.joints), list[Line]()
     for joint in range(joints):
         parts = residual_parts(design, theta, joint, indices, pairs)

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, MutableMapping, Sequence
+from collections.abc import MutableMapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import overload
 
 import numpy as np
 from scipy import linalg
 
 from daq.machine.machine_file import Machine
 from daq.scratch import ScratchArrays
-from fitting.arrays import FloatArray
+from fitting.arrays import FloatArray, LateSequence
 from fitting.effects.base import DriveView, Effect, FoundBy, Shape
 from fitting.regression.design import Design, Extra, NoiseModel, Parameters, whitened
 from fitting.regression.prior import Late, Prior, with_prior
@@ -143,33 +142,13 @@ def extra_columns(design: Design, views: Views, terms: Sequence[Term]) -> Extra:
             if own is not None:
                 kept[index] = own
     expected = _expected([term.expected for term in terms], widths)
-    return Extra(names, tuple(_BySegment(kept, len(design.segments)) for kept in table), expected)
+    return Extra(names, tuple(LateSequence(kept.get, len(design.segments)) for kept in table), expected)
 
 
 def _expected(parts: Sequence[FloatArray | None], widths: Sequence[int]) -> FloatArray | None:
     """Join what is expected of several terms' parameters."""
     rows = [np.zeros((0, k)) if own is None else own for own, k in zip(parts, widths, strict=True)]
     return linalg.block_diag(*rows) if any(map(len, rows)) else None
-
-
-class _BySegment(Sequence[FloatArray | None]):
-    """Columns (N, k) of one joint by segment, in memory or read from a file; None where there are none."""
-
-    def __init__(self, kept: Mapping[int | None, FloatArray], count: int) -> None:
-        self._kept, self._places = kept, range(count)
-
-    def __len__(self) -> int:
-        return len(self._places)
-
-    @overload
-    def __getitem__(self, index: int) -> FloatArray | None: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[FloatArray | None]: ...
-
-    def __getitem__(self, index: int | slice) -> FloatArray | Sequence[FloatArray | None] | None:
-        places = self._places[index]
-        return self._kept.get(places) if isinstance(places, int) else [self._kept.get(place) for place in places]
 
 
 def beside(parts: Sequence[Extra]) -> Extra:

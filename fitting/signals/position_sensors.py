@@ -10,7 +10,7 @@ import numpy as np
 from daq.machine.machine_file import Channel, Joint, Machine
 from daq.recordings.recording import Recording
 from daq.recordings.recording_checks import long_runs, runs
-from fitting.arm.linkage import joint_position, lever_arm
+from fitting.arm.linkage import cylinder_of, joint_position, lever_arm
 from fitting.arrays import BoolArray, FloatArray
 from fitting.signals.filters import FilterBank, white_noise_of
 
@@ -138,11 +138,10 @@ def piston_of(machine: Machine, joint: Joint, recording: Recording) -> FloatArra
 
     Where the joint's sensor puts the rod somewhere else by a constant, that changes no speed.
     """
-    assert joint.cylinder is not None
     angle, piston = (machine.channel(q, joint.name) for q in ("joint_position", "piston_position"))
     found = []
     if angle is not None:
-        found.append(joint.cylinder.linkage.piston_position(recording.values[angle.name]))
+        found.append(cylinder_of(joint).linkage.piston_position(recording.values[angle.name]))
     if piston is not None:
         found.append(recording.values[piston.name])
     if len(found) == 1:

@@ -216,24 +216,20 @@ def segments_of(
             raise RecordingError(
                 "fitting.no_stretch_without_gap", file=recording.file, bank=shortest(bank) / bank.rate_hz
             )
-        weights = tuple(piston_weight(machine, joint, recording) for joint in machine.joints)
-        shares = tuple(joint_velocity_share(machine, joint, recording, bank) for joint in machine.joints)
+        sensed = tuple(
+            _Sensed(
+                piston_weight(machine, joint, recording),
+                joint_velocity_share(machine, joint, recording, bank),
+                (position_error or {}).get(joint.name),
+                (play or {}).get(joint.name),
+            )
+            for joint in machine.joints
+        )
         if long:
             most = PIECE_SAMPLES // len(machine.joints)
             parts = [piece for whole in parts for piece in pieces(whole, bank, most)]
         for part in parts:
-            segment = _segment(
-                machine,
-                recording.cut(part),
-                index,
-                part.start,
-                bank,
-                noise=noise,
-                weights=weights,
-                shares=shares,
-                position_error=position_error or {},
-                play=play or {},
-            )
+            segment = _segment(machine, recording.cut(part), index, part.start, bank, noise, sensed)
             yield with_delays(machine, recording, segment, bank, latency, resampled) if latency else segment
 
 
@@ -254,37 +250,39 @@ def pieces(whole: slice, bank: FilterBank, most: int) -> list[slice]:
     return [slice(start, min(start + step + lost, whole.stop)) for start in range(whole.start, whole.stop - lost, step)]
 
 
+@dataclass(frozen=True)
+class _Sensed:
+    """Weights of a joint's position sensors and velocity channel, the error of its position, and its play."""
+
+    piston_weight: float
+    velocity_share: VelocityShare | None
+    position_error: PositionError | None
+    play: Play | None
+
+
 def _segment(
     machine: Machine,
     recording: Recording,
     index: int,
     start: int,
     bank: FilterBank,
-    *,
     noise: Sequence[PositionNoise],
-    weights: Sequence[float],
-    shares: Sequence[VelocityShare | None],
-    position_error: Mapping[str, PositionError],
-    play: Mapping[str, Play],
+    sensed: Sequence[_Sensed],
 ) -> Segment:
     """Make the segment of a gapless recording; it starts at row ``start`` of what it was cut from."""
-    part = slice(0, len(recording))
     columns: dict[str, list[Any]] = {
         key: [] for key in ("q", "qd", "qdd", "x", "v", "a", "r", "effort", "p1", "p2", "gap", "rest", "lead")
     }
     before = _with_start(machine, recording, bank)
     for number, joint in enumerate(machine.joints):
-        error = position_error.get(joint.name)
-        own = play.get(joint.name)
-        weight, share = weights[number], shares[number]
-        motion, gap = _motion(machine, joint, recording, part, bank, weight, share, error, own)
-        columns["lead"].append(_motion(machine, joint, *before, bank, weight, share, error, own)[0][2])
+        motion, gap = _motion(machine, joint, recording.values, recording.role, bank, sensed[number])
+        columns["lead"].append(_motion(machine, joint, before, recording.role, bank, sensed[number])[0][2])
         for key, value in zip(("q", "qd", "qdd", "x", "v", "a"), motion, strict=True):
             columns[key].append(value)
-        columns["gap"].append(gap)
+        columns["gap"].append(np.full_like(motion[0], np.nan) if gap is None else gap)
         linkage = joint.cylinder.linkage if joint.cylinder else None
         columns["r"].append(np.ones_like(motion[0]) if linkage is None else lever_arm(linkage, motion[0]))
-        measured = _effort(machine, joint, recording, part, bank, 0.0, columns["r"][-1])
+        measured = _effort(machine, joint, recording, bank, 0.0, columns["r"][-1])
         for key, value in zip(("effort", "p1", "p2"), measured, strict=True):
             columns[key].append(value)
         way = reach(joint, joint.cylinder is not None)
@@ -296,10 +294,10 @@ def _segment(
         recording=index,
         role=recording.role,
         start=start + bank.margin,
-        t=bank.trimmed(recording.time[part]),
+        t=bank.trimmed(recording.time),
         loaded=recording.role != "unloaded",
-        temperature=_temperature(machine, recording, part, bank),
-        external=_external(machine, recording, part, bank),
+        temperature=_temperature(machine, recording, bank),
+        external=_external(machine, recording, bank),
         bridged=None if recording.bridged is None else recording.bridged[bank.margin : len(recording) - bank.margin],
         **stacked,
     )
@@ -327,18 +325,18 @@ def with_efforts_of(
 ) -> Segment:
     """Read the efforts of the joints in ``latency`` (s) anew, of this recording or another of the very same motion."""
     first = segment.start - bank.margin
-    part = slice(first, first + len(segment) + 2 * bank.margin)
+    recording = recording.cut(slice(first, first + len(segment) + 2 * bank.margin))
     effort, p1, p2 = segment.effort.copy(), segment.p1.copy(), segment.p2.copy()
     for number, joint in enumerate(machine.joints):
         if joint.name in latency:
             late, lever = latency[joint.name], segment.r[:, number]
-            own = _effort(machine, joint, recording, part, bank, late, lever)
+            own = _effort(machine, joint, recording, bank, late, lever)
             effort[:, number], p1[:, number], p2[:, number] = own
     return replace(segment, effort=effort, p1=p1, p2=p2)
 
 
-def _with_start(machine: Machine, recording: Recording, bank: FilterBank) -> tuple[Recording, slice]:
-    """Prepend the straight line to a recording's start: smoothed, it gives the samples up to the first."""
+def _with_start(machine: Machine, recording: Recording, bank: FilterBank) -> dict[str, FloatArray]:
+    """Prepend a straight line to a motion's channels: smoothed, they give the samples up to the first."""
     count = max(2, round(_FIRST_SECONDS * bank.rate_hz))
     values = {}
     for channel in machine.channels:
@@ -350,85 +348,77 @@ def _with_start(machine: Machine, recording: Recording, bank: FilterBank) -> tup
         elif channel.quantity == "joint_velocity":
             own = recording.values[channel.name]
             values[channel.name] = np.concatenate([np.full(bank.margin, own[:count].mean()), own[: 2 * bank.margin]])
-    return replace(recording, values=values), slice(0, 3 * bank.margin)
+    return values
 
 
-def _temperature(machine: Machine, recording: Recording, part: slice, bank: FilterBank) -> FloatArray | None:
+def _temperature(machine: Machine, recording: Recording, bank: FilterBank) -> FloatArray | None:
     """Return a segment's oil temperature; None where not measured all along."""
     channel = next((c for c in machine.channels if c.quantity == "oil_temperature"), None)
     values = None if channel is None else recording.values.get(channel.name)
-    return None if values is None or not np.isfinite(values[part]).all() else bank.smoothed(values[part])
+    return None if values is None or not np.isfinite(values).all() else bank.smoothed(values)
 
 
-def _external(machine: Machine, recording: Recording, part: slice, bank: FilterBank) -> FloatArray | None:
+def _external(machine: Machine, recording: Recording, bank: FilterBank) -> FloatArray | None:
     """Return outside forces by load cells, (N, n), zero where there is none; None for a machine without."""
     channels = [machine.channel("external_force", joint.name) for joint in machine.joints]
     if not any(channels):
         return None
-    nothing = np.zeros(part.stop - part.start - 2 * bank.margin)
-    forces = [nothing if c is None else bank.smoothed(recording.values[c.name][part]) for c in channels]
+    nothing = np.zeros(len(recording) - 2 * bank.margin)
+    forces = [nothing if c is None else bank.smoothed(recording.values[c.name]) for c in channels]
     return np.stack(forces, axis=1)
 
 
 def _motion(
     machine: Machine,
     joint: Joint,
-    recording: Recording,
-    part: slice,
+    values: Mapping[str, FloatArray],
+    role: str,
     bank: FilterBank,
-    weight: float,
-    share: VelocityShare | None,
-    position_error: PositionError | None,
-    play: Play | None,
-) -> tuple[tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray], FloatArray]:
+    sensed: _Sensed,
+) -> tuple[tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray], FloatArray | None]:
+    """Smooth ``q, qd, qdd, x, v, a`` of a joint and its gap, of gapless channels; None without two sensors."""
+    share = sensed.velocity_share
     angle = machine.channel("joint_position", joint.name)
     piston = machine.channel("piston_position", joint.name)
     speed = machine.channel("joint_velocity", joint.name)
-    q_raw = None if angle is None else recording.values[angle.name][part]
-    if q_raw is not None and position_error is not None:
-        q_raw = q_raw - position_error(q_raw)
-    nothing = np.full(part.stop - part.start - 2 * bank.margin, np.nan)
+    q_raw = None if angle is None else values[angle.name]
+    if q_raw is not None and sensed.position_error is not None:
+        q_raw = q_raw - sensed.position_error(q_raw)
 
     def fused(motion: Motion) -> Motion:
         if share is None or speed is None:
             return motion
-        return share.fused(motion, recording.values[speed.name][part], bank)
+        return share.fused(motion, values[speed.name], bank)
 
     if joint.cylinder is None:
         assert q_raw is not None  # the machine file guarantees a position
         motion = fused(bank.smooth(q_raw))
-        return (*motion, *motion), nothing
+        return (*motion, *motion), None
     linkage = joint.cylinder.linkage
     if piston is None:
         assert q_raw is not None
         motion = fused(bank.smooth(q_raw))
-        return (*motion, *piston_motion(linkage, *motion)), nothing
-    x_raw = recording.values[piston.name][part]
+        return (*motion, *piston_motion(linkage, *motion)), None
+    x_raw = values[piston.name]
     smooth_x = bank.smooth(x_raw)
-    if recording.role == "unloaded":
+    if role == "unloaded":
         # The rod is off its pin: the joint stands where its encoder says (or mid-range), the piston moves alone.
         parked = np.mean(joint.limits.position) if q_raw is None else float(np.mean(q_raw))
         q = np.full_like(smooth_x[0], parked)
-        return (q, np.zeros_like(q), np.zeros_like(q), *smooth_x), nothing
+        return (q, np.zeros_like(q), np.zeros_like(q), *smooth_x), None
     if q_raw is None:
         motion = fused(joint_motion(joint, *smooth_x))
-        return (*motion, *(smooth_x if share is None else piston_motion(linkage, *motion))), nothing
+        return (*motion, *(smooth_x if share is None else piston_motion(linkage, *motion))), None
     gap = smooth_x[0] - bank.smoothed(linkage.piston_position(q_raw))
-    if play == "pin":
+    if sensed.play == "pin":
         return (*fused(bank.smooth(q_raw)), *smooth_x), gap
-    fraction = 0.0 if play == "sensor" else weight
+    fraction = 0.0 if sensed.play == "sensor" else sensed.piston_weight
     motion = fused(bank.smooth((1 - fraction) * q_raw + fraction * joint_position(joint, x_raw)))
     return (*motion, *piston_motion(linkage, *motion)), gap
 
 
 def _effort(
-    machine: Machine,
-    joint: Joint,
-    recording: Recording,
-    part: slice,
-    bank: FilterBank,
-    latency: float,
-    lever: FloatArray,
+    machine: Machine, joint: Joint, recording: Recording, bank: FilterBank, latency: float, lever: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return measured drive effort (unfiltered, trimmed), smoothed chamber pressures (NaN where unmeasured).
 
@@ -438,17 +428,16 @@ def _effort(
     @cache
     def channel(quantity: str) -> FloatArray | None:
         found = machine.channel(quantity, joint.name)
-        return None if found is None else advanced(recording.values[found.name][part], latency * bank.rate_hz)
+        return None if found is None else advanced(recording.values[found.name], latency * bank.rate_hz)
 
     effort = drive_effort(joint, channel)
     if effort is None:
         raise RecordingError("fitting.no_effort_channel", file=recording.file, joint=joint.name)
-    nothing = np.full(part.stop - part.start - 2 * bank.margin, np.nan)
-    head, rod = channel("head_pressure"), channel("rod_pressure")
+    effort, head, rod = bank.trimmed(effort), channel("head_pressure"), channel("rod_pressure")
     if joint.cylinder is not None and head is not None and rod is not None:
-        return bank.trimmed(effort), bank.smoothed(head), bank.smoothed(rod)
-    torque = joint.cylinder is not None and channel("cylinder_force") is None
-    return bank.trimmed(effort) / lever if torque else bank.trimmed(effort), nothing, nothing
+        return effort, bank.smoothed(head), bank.smoothed(rod)
+    torque, nothing = joint.cylinder is not None and channel("cylinder_force") is None, np.full_like(effort, np.nan)
+    return effort / lever if torque else effort, nothing, nothing
 
 
 def drive_effort(joint: Joint, channel: Callable[[str], FloatArray | None]) -> FloatArray | None:

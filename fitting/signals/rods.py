@@ -20,6 +20,7 @@ from daq.machine.machine_file import Joint, Machine
 from daq.messages import Sentence
 from daq.recordings.recording import Recording
 from daq.recordings.recording_checks import runs
+from fitting.arm.linkage import cylinder_of
 from fitting.arrays import BoolArray, FloatArray
 from fitting.signals.preparation import drive_effort
 
@@ -85,21 +86,20 @@ def _positions(machine: Machine, joint: Joint, recording: Recording) -> tuple[Fl
     """Return piston position and its distance from the linkage's, m; None if only one is measured."""
     angle = machine.channel("joint_position", joint.name)
     piston = machine.channel("piston_position", joint.name)
-    assert joint.cylinder is not None and piston is not None
+    assert piston is not None
     x = recording.values[piston.name]
     if angle is None:
         return x, None
-    return x, np.asarray(x - joint.cylinder.linkage.piston_position(recording.values[angle.name]))
+    return x, np.asarray(x - cylinder_of(joint).linkage.piston_position(recording.values[angle.name]))
 
 
 def _off(machine: Machine, joint: Joint, recording: Recording) -> tuple[BoolArray, float]:
     """Find rows with the rod off, and the piston's distance there, m."""
-    assert joint.cylinder is not None
     nowhere = np.zeros(len(recording), dtype=bool)
     x, distance = _positions(machine, joint, recording)
     if distance is None or not np.isfinite(distance).any():
         return nowhere, 0.0
-    stroke = joint.cylinder.stroke
+    stroke = cylinder_of(joint).stroke
     if _range(x) > 2 * _MOVES * stroke and _range(distance) > _ALONE * _range(x):
         raise RecordingError(
             "fitting.piston_moves_joint_not", file=recording.file, joint=joint.name, role=recording.role
@@ -120,10 +120,9 @@ def _off(machine: Machine, joint: Joint, recording: Recording) -> tuple[BoolArra
 
 def _still_on(machine: Machine, joint: Joint, recording: Recording) -> BoolArray:
     """Find rows with the rod on: joint and piston move together, or an end holds what no free cylinder needs."""
-    assert joint.cylinder is not None
     x, distance = _positions(machine, joint, recording)
     on, moving = np.zeros(len(recording), dtype=bool), np.zeros(len(recording), dtype=bool)
-    window, least = round(_WINDOW_S * recording.rate_hz), _MOVES * joint.cylinder.stroke
+    window, least = round(_WINDOW_S * recording.rate_hz), _MOVES * cylinder_of(joint).stroke
     alone = False
     for start in range(0, len(recording) - window + 1, window):
         part = slice(start, start + window)

@@ -117,10 +117,10 @@ def test_what_is_asked_for_grows_with_the_effect_because_formulas_are_not_exact(
     for found, size in ((small, 10.0), (large, 1000.0)):
         stated = 0.0
         for off, weight in ((0.03, 0.4), (0.1, 0.4), (0.15, 0.2)):  # physics' own, not series'
-            odds = 0.5 * found.needed / (1 + off**2 * size / (2 * np.log(19)))
+            odds = found.worst.asked / (1 + off**2 * size / (2 * np.log(19)))
             stated += weight / (1 + np.exp(-odds))
         assert stated == pytest.approx(0.95, abs=1e-6)
-    assert small.needed == pytest.approx(2 * np.log(19), rel=0.05)
+    assert small.worst.asked == pytest.approx(np.log(19), rel=0.05)
     assert small.probability > large.probability
 
 
@@ -157,7 +157,7 @@ def test_rivals_with_the_same_column_are_never_apart():
     two = [rival(slice(0, 1), [1.0]), rival(slice(1, 2), [1.0])]
     found = leads(projected(table.T @ table, 4), two)
     apart = separation(found, found, two)
-    assert apart.share < 1e-9
+    assert apart.worst.share < 1e-9
     assert apart.probability < 1e-6
 
 
@@ -220,12 +220,12 @@ def test_every_experiment_is_at_least_as_good_as_nothing_and_the_best_comes_firs
     assert set(kinds) == {
         "staircase", "slow_reversals", "frequencies", "two_poses", "neighbour", "free_cylinder", "again", "designed",
     }  # fmt: skip
-    assert all(option.expected.chi_square >= found.now.chi_square * (1 - 1e-9) for option in found.options)
+    assert all(option.expected.worst.chi_square >= found.now.worst.chi_square * (1 - 1e-9) for option in found.options)
     assert kinds[-1] == "again"
     margins = [option.expected.margin for option in found.options[:-1] if option.kind != "designed"]
     assert margins == sorted(margins, reverse=True)
     assert found.best is found.options[0]
-    assert found.best.expected.chi_square > 2 * found.now.chi_square
+    assert found.best.expected.worst.chi_square > 2 * found.now.worst.chi_square
 
 
 def test_the_motion_of_the_best_experiment_can_be_run(lossy, tmp_path):
@@ -248,8 +248,8 @@ def test_the_report_holds_the_text_and_the_numbers(lossy):
     assert content["kind"] == found.best.kind
     assert content["seconds"] == found.best.motion.seconds
     assert content["motion"].startswith(found.best.text)
-    assert f"{found.now.standard_deviations:.1f} standard deviations" in content["why"]
-    assert content["expected"]["chi_square"] == found.best.expected.chi_square
+    assert f"{np.sqrt(found.now.worst.chi_square):.1f} standard deviations" in content["why"]
+    assert content["expected"]["chi_square"] == found.best.expected.worst.chi_square
     assert [entry["kind"] for entry in content["menu"]] == [option.kind for option in found.options]
     assert content["closable"]
     assert "recordings needed: 1, chance of a single name" in content["why"]
@@ -260,7 +260,9 @@ def test_the_report_holds_the_text_and_the_numbers(lossy):
 def test_the_same_seed_gives_the_same_experiment(lossy):
     session, found = lossy
     again = design_next(session.base_model, found.rivals, session.prior, seconds=30.0)
-    assert [option.expected.chi_square for option in again.options] == [o.expected.chi_square for o in found.options]
+    assert [option.expected.worst.chi_square for option in again.options] == [
+        o.expected.worst.chi_square for o in found.options
+    ]
 
 
 def test_a_rival_that_was_added_already_is_taken_out_first(lossy):
@@ -269,10 +271,10 @@ def test_a_rival_that_was_added_already_is_taken_out_first(lossy):
     model = session.base_model
     added = fit_model(model.design, model.noise, model.fitted, [found.rivals[0]], session.prior)
     again = design_next(added, found.rivals, session.prior, seconds=30.0, generations=0)
-    assert again.now.chi_square == pytest.approx(found.now.chi_square, rel=0.02)
-    kept = {option.kind: option.expected.chi_square for option in found.options}
+    assert again.now.worst.chi_square == pytest.approx(found.now.worst.chi_square, rel=0.02)
+    kept = {option.kind: option.expected.worst.chi_square for option in found.options}
     for option in again.options:
-        assert option.expected.chi_square == pytest.approx(kept[option.kind], rel=0.1)
+        assert option.expected.worst.chi_square == pytest.approx(kept[option.kind], rel=0.1)
 
 
 def test_an_effect_that_is_not_in_question_belongs_to_the_base(lossy):
@@ -281,7 +283,7 @@ def test_an_effect_that_is_not_in_question_belongs_to_the_base(lossy):
     other = Term(effect("position_dependent_friction"), 0)
     both = fit_model(model.design, model.noise, model.fitted, [other], session.prior)
     with_other = design_next(both, found.rivals, session.prior, seconds=30.0, generations=0)
-    assert with_other.now.chi_square <= found.now.chi_square * 1.05
+    assert with_other.now.worst.chi_square <= found.now.worst.chi_square * 1.05
 
 
 def test_of_rivals_that_no_motion_separates_is_said_what_tells_them_by_hand():
@@ -460,7 +462,7 @@ def test_the_designed_experiment_separates_rivals_in_the_plant(true, rival, size
         motion = PlantMotion(machine.name, option.motion.rods, names, option.motion.time, positions)
         role = "unloaded" if option.motion.rods == "unpinned" else "train"
         tables = [("train", training), (role, plant_recordings(case, motion, size, 50))]
-        expected[option.kind] = option.expected.chi_square
+        expected[option.kind] = option.expected.worst.chi_square
         measured[option.kind] = measured_separation(session, tables, rivals)
     before = measured_separation(session, [("train", training)], rivals)
     assert found.best is not None

@@ -138,15 +138,7 @@ def mapped(key: tuple[str, int], gain: float, offset: float = 0.0) -> Build:
 def sensor(
     texts: tuple[str, str, str], number: int, quantity: str, gain: float, offset: float = 0.0, price: float = 1.0
 ) -> Hypothesis:
-    """Suppose that a joint's position sensor is right only times a gain, with an offset.
-
-    Parameters
-    ----------
-    texts : code, text and cure
-    number, quantity : of the joint, and which of its sensors
-    gain, offset : what its values are taken times, and what is added, m or rad
-    price : as of :class:`Hypothesis`
-    """
+    """Suppose that a joint's position sensor is right only times a gain, with an offset (m or rad) more."""
     build = mapped((quantity, number), gain, offset)
     factor = offset if gain == 1.0 else gain
     return Hypothesis(*texts, (number,), build, (quantity,), factor=factor, price=price)
@@ -154,12 +146,7 @@ def sensor(
 
 def misread(machine: Machine, number: int, quantity: str, price: float) -> Iterator[Hypothesis]:
     """List what a joint's position sensor may be misread as: the other way (a piston's zero is at the other end then),
-    in another unit, or in another scale.
-
-    Parameters
-    ----------
-    number, quantity : of the joint, and which of its sensors
-    price : of another scale
+    in another unit, or, at a ``price``, in another scale.
     """
     joint, piston = machine.joints[number], quantity == "piston_position"
     channel = machine.channel(quantity, joint.name)
@@ -176,14 +163,7 @@ def misread(machine: Machine, number: int, quantity: str, price: float) -> Itera
 def exchanged(
     machine: Machine, quantities: Sequence[str], first: int, second: int, key: str = "exchanged_channels"
 ) -> tuple[str, Sentence, Sentence]:
-    """Word the finding on two joints' channels that look exchanged.
-
-    Parameters
-    ----------
-    quantities : of the channels
-    first, second : numbers of the joints
-    key : of the texts
-    """
+    """Word the finding on two joints' channels, of the same quantities, that look exchanged."""
     one, other = (machine.joints[number].name for number in (first, second))
     return worded(key, what=" and ".join(q.replace("_", " ") for q in quantities), first=one, second=other)
 

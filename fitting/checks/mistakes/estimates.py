@@ -106,11 +106,7 @@ def _from(
 ) -> Clock | None:
     """Find the clock from an initial offset, s; None if the joints do not share one.
 
-    Parameters
-    ----------
-    samples : as they are
-    estimates : gives what is left of the delay of moved samples (:func:`_late_by`)
-    first : that of ``samples``
+    ``estimates`` gives what is left of the delay of moved samples (:func:`_late_by`), ``first`` is that of ``samples``.
     """
     offset, rate, keys, since = start, 0.0, samples.efforts, samples.since
     moved = samples.moved(keys, offset) if start else samples

@@ -249,14 +249,10 @@ def motion_of(machine: Machine, samples: Samples, positions: Sequence[str]) -> M
         else:
             linkage = joint.cylinder.linkage
             piston = samples.get("piston_position", number)
-            if positions[number] == "piston_position":
-                x = own
-                q = joint_motion(joint, *own)
-                r = lever_arm(linkage, q[0])
-            else:
-                q = own
-                x = piston_motion(linkage, *own)
-                r = lever_arm(linkage, q[0])
+            at_piston = positions[number] == "piston_position"
+            q, x = (joint_motion(joint, *own), own) if at_piston else (own, piston_motion(linkage, *own))
+            r = lever_arm(linkage, q[0])
+            if not at_piston:
                 noise *= float(np.sqrt(np.mean(r**2)))
             if piston is not None and not samples.loaded.all():
                 free = ~samples.loaded

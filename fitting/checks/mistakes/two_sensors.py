@@ -23,7 +23,7 @@ from daq.machine.linkages import ThreePin
 from daq.machine.machine_file import Machine
 from daq.messages import Sentence
 from daq.recordings.recording import Recording
-from fitting.arm.linkage import parameter_names
+from fitting.arm.linkage import cylinder_of, parameter_names
 from fitting.arrays import FloatArray
 from fitting.checks.findings import Finding, finding_of, worded
 from fitting.checks.mistakes import channel_trials as trials
@@ -64,8 +64,7 @@ class Disagreement:
 
 def _gap(machine: Machine, number: int, q: FloatArray, x: FloatArray) -> tuple[float, float]:
     """Compute the RMS of ``x - L(q)`` less its median, over the larger of both spreads; that median in strokes."""
-    cylinder = machine.joints[number].cylinder
-    assert cylinder is not None
+    cylinder = cylinder_of(machine.joints[number])
     with np.errstate(all="ignore"):
         y = cylinder.linkage.piston_position(q)
     distance = x - y
@@ -129,8 +128,7 @@ def _both(samples: Samples, number: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _options(trial: Trial, number: int, bad: Iterable[int]) -> Iterator[Hypothesis]:
-    cylinder = trial.machine.joints[number].cylinder
-    assert cylinder is not None
+    linkage = cylinder_of(trial.machine.joints[number]).linkage
     for quantity in ("joint_position", "piston_position"):
         yield from trials.misread(trial.machine, number, quantity, 1.4)
         for degrees in (90, -90, 180) if quantity == "joint_position" else ():
@@ -141,8 +139,8 @@ def _options(trial: Trial, number: int, bad: Iterable[int]) -> Iterator[Hypothes
             if other != number and trial.samples.get(quantity, other) is not None:
                 texts = trials.exchanged(trial.machine, (quantity,), number, other)
                 yield Hypothesis(*texts, (number, other), trials.exchange(quantity, number, other), (quantity,))
-    if isinstance(cylinder.linkage, ThreePin):
-        yield from _pins(trial.machine, trial.samples, number, cylinder.linkage)
+    if isinstance(linkage, ThreePin):
+        yield from _pins(trial.machine, trial.samples, number, linkage)
     piston = ("piston_position", number)
     for delay in (*trials.DELAYS, -0.15, 0.15):
         texts = worded("clock_offset/sensor", seconds=abs(delay), late=trials.late(delay))
@@ -203,8 +201,7 @@ def recordings_apart(machine: Machine, recordings: Sequence[Recording]) -> tuple
                 continue
             q, x = recording.values[first], recording.values[second]
             known = np.isfinite(q) & np.isfinite(x)
-            cylinder = machine.joints[number].cylinder
-            assert cylinder is not None
+            cylinder = cylinder_of(machine.joints[number])
             if np.count_nonzero(known) < 50 or np.ptp(x[known]) < 0.02 * cylinder.stroke:
                 continue
             own[number], away = _gap(machine, number, q[known], x[known])

@@ -93,11 +93,7 @@ class Bodies:
 
 
 def bodies_of(model: ArmModel, *, possible: bool = False) -> Bodies:
-    """Return links with the model's base parameters.
-
-    Parameters
-    ----------
-    possible : take the nearest that bodies can have where none have those
+    """Return links with the model's base parameters; if ``possible``, the nearest that bodies can have where none have.
 
     Raises
     ------
@@ -177,12 +173,7 @@ def _tendon_of(cylinder: Cylinder) -> bool:
 
 
 def _not_in_bodies(model: ArmModel, bodies: Bodies, *, cylinders: bool = False) -> tuple[str, ...]:
-    """List a line for each part of a model outside a simulator format's links and drives.
-
-    Parameters
-    ----------
-    cylinders : whether the format has cylinders, as tendons
-    """
+    """List a line for each part of a model outside a format's links and drives, and cylinders if it has them."""
     lines = []
     for number, joint in enumerate(model.arm.joints):
         names = model.parameters.drive[number]

@@ -87,14 +87,7 @@ class Function:
 
 @dataclass(frozen=True)
 class Program:
-    """A model as functions, to be printed in a language.
-
-    Attributes
-    ----------
-    name : of the machine, as languages take it
-    tracer : where they are from
-    functions : of the program
-    """
+    """Functions of a model, to be printed in a language; ``name`` is the machine's, as languages take it."""
 
     name: str
     tracer: Tracer

@@ -64,12 +64,7 @@ PYTHON = Dialect(
 def statements(
     outputs: Mapping[str, Node], dialect: Dialect, variables: Mapping[str, str], indent: str = "    "
 ) -> tuple[list[str], dict[str, str]]:
-    """Write lines that compute some outputs, and the expression of each.
-
-    Parameters
-    ----------
-    variables : the word for each variable of the graph
-    """
+    """Write lines that compute some outputs, and each one's expression; ``variables`` has the words for them."""
     nodes = needed(outputs.values())
     counts = uses(nodes, list(outputs.values()))
     words: dict[int, tuple[str, int]] = {}

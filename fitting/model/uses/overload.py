@@ -107,11 +107,7 @@ def delay_s(model: ArmModel) -> float:
 
 
 def scores_of(model: ArmModel, recording: Recording) -> list[Scores]:
-    """Compute scores of a recording, one entry for each stretch between gaps.
-
-    Parameters
-    ----------
-    model : of :func:`quick`
+    """Compute scores of a recording by a :func:`quick` model, one entry for each stretch between gaps.
 
     Raises
     ------

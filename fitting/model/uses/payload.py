@@ -56,16 +56,12 @@ def tip_columns(found: Evaluated, index: int) -> FloatArray:
 
 
 def weighed(residual: FloatArray, tip: FloatArray, moving: BoolArray) -> Weighed | None:
-    """Estimate the mass that a residual shows.
+    """Estimate the mass that a residual shows; None where too little moves.
 
     Parameters
     ----------
     residual, tip : (M, n) joint efforts, N m or N: measured minus predicted, and of one kilogram at the tip
     moving : (M, n) False where a drive rests
-
-    Returns
-    -------
-    None where too little moves.
     """
     joints = [j for j in range(residual.shape[1]) if moving[:, j].sum() >= _FEWEST and np.any(tip[:, j] != 0)]
     if not joints:

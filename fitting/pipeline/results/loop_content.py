@@ -54,13 +54,7 @@ LIMIT_POWER = 0.95
 
 
 def loop_content(session: Session, results: StageResults, model: Model) -> dict[str, Any]:
-    """Build ``loop`` of report.json.
-
-    Parameters
-    ----------
-    session, results : the identification, and what its stages found
-    model : the final fit, with the terms that were found
-    """
+    """Build ``loop`` of report.json; ``model`` is the final fit, with the terms that were found."""
     machine = session.machine
     names = [joint.name for joint in machine.joints]
     found, kinematics, effects, unexplained = results[Attributed], results[Residual].kinematics, [], []

@@ -155,11 +155,8 @@ def _verdict(z_u: float, z_l: float, expected_u: float, expected_l: float, diffe
 
 
 def objection(level: Level, own: Witness) -> str:
-    """Return why an effect of this level cannot be what is seen; empty if there is no objection.
+    """Return why an effect of this level cannot be what its columns' witness saw; empty if there is no objection.
 
-    Parameters
-    ----------
-    level : of the effect. What sits in the cylinder or in the pressure sensors is there with and without a load
-    own : witness of the effect's own columns
+    What sits in the cylinder or in the pressure sensors is there with and without a load.
     """
     return own.words if level != "joint" and own.verdict == "gone_unloaded" else ""

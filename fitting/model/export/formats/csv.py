@@ -16,6 +16,7 @@ import csv
 import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -58,28 +59,12 @@ class _Quantity:
     variables: tuple[tuple[str, str, float, float], ...]
     value: Callable[[FloatArray], FloatArray]
 
-    @property
-    def low(self) -> FloatArray:
-        """Lowest values of the variables."""
-        return np.array([own[2] for own in self.variables])
-
-    @property
-    def high(self) -> FloatArray:
-        """Highest values of the variables."""
-        return np.array([own[3] for own in self.variables])
-
 
 @dataclass(frozen=True)
 class _Table:
-    """A quantity on a grid.
+    """A quantity on a grid: its chosen variables by number, the rising values of each, and its own.
 
-    Attributes
-    ----------
-    quantity : what it is
-    chosen : numbers of the variables that it depends on
-    axes : their values, rising
-    values : on the grid
-    error : largest error of linear interpolation between, in the unit of the value
+    ``error`` is the largest of linear interpolation between, in the unit of the value.
     """
 
     quantity: _Quantity
@@ -91,7 +76,7 @@ class _Table:
 
 def _tabled(quantity: _Quantity, rng: np.random.Generator) -> _Table | str | None:
     """Tabulate a quantity over its variables; return a line on why not, None of nothing."""
-    low, high = quantity.low, quantity.high
+    low, high = np.array([ends for _, _, *ends in quantity.variables]).T
     points = rng.uniform(low, high, (_TRIALS, len(low)))
     first = quantity.value(points)
     scale = float(np.max(np.abs(first)))
@@ -177,7 +162,12 @@ def write(model: ArmModel, path: Path, possible: bool = False) -> Written:
     rng = np.random.default_rng(0)
     tables = []
     links = _links(model)
-    held = [_held(model, links, joint) for joint in range(len(model.joints))]
+
+    def beside(q: FloatArray) -> FloatArray:
+        return motion.gravity(model, q) - motion.gravity(links, q)
+
+    what = "at rest beside the links' gravity: stiffness, offset, springs"
+    held = [_at_rest(model, joint, "held", what, beside) for joint in range(len(model.joints))]
     for quantity in (*_link_quantities(links), *held, *_friction_quantities(model)):
         found = _tabled(quantity, rng)
         if found is None:
@@ -231,25 +221,13 @@ def _links(model: ArmModel) -> ArmModel:
     )
 
 
-def _held(model: ArmModel, links: ArmModel, joint: int) -> _Quantity:
-    """Return what acts at rest beside the links."""
-    about = f"effort of {model.joints[joint]} at rest beside the links' gravity: stiffness, offset, springs"
-    return _at_rest(
-        model, joint, "held", about, lambda q: (motion.gravity(model, q) - motion.gravity(links, q))[:, joint]
-    )
-
-
-def _own_gravity(model: ArmModel, joint: int) -> _Quantity:
-    about = f"effort of {model.joints[joint]} that holds the links still"
-    return _at_rest(model, joint, "gravity", about, lambda q: motion.gravity(model, q)[:, joint])
-
-
 def _at_rest(
-    model: ArmModel, joint: int, what: str, about: str, value: Callable[[FloatArray], FloatArray]
+    model: ArmModel, joint: int, name: str, what: str, efforts: Callable[[FloatArray], FloatArray]
 ) -> _Quantity:
-    """Return a joint's effort over all joint positions."""
+    """Return a joint's effort over all joint positions: its own of ``efforts``, (N, n) at positions (N, n)."""
     positions = tuple(_position(model, k) for k in range(len(model.joints)))
-    return _Quantity(f"{what}_{model.joints[joint]}", about, model.joint_units[joint], positions, value)
+    own, unit = model.joints[joint], model.joint_units[joint]
+    return _Quantity(f"{name}_{own}", f"effort of {own} {what}", unit, positions, lambda q: efforts(q)[:, joint])
 
 
 def _link_quantities(model: ArmModel) -> list[_Quantity]:
@@ -259,7 +237,8 @@ def _link_quantities(model: ArmModel) -> list[_Quantity]:
     for chain in _parallel_axes(model):
         last = chain[-1]
         if not _alone(model, chain):
-            result += [_own_gravity(model, joint) for joint in chain]
+            gravity = partial(motion.gravity, model)
+            result += [_at_rest(model, joint, "gravity", "that holds the links still", gravity) for joint in chain]
             continue
         for joint in chain:
             # Of the others one pose is as good as another: what differs between two joints is this link's own part.
@@ -300,9 +279,8 @@ def _alone(model: ArmModel, chain: Sequence[int]) -> bool:
     rng, n = np.random.default_rng(1), len(model.joints)
     if not geometry_of(model.arm).revolute[chain[0]]:
         return False
-    limits = model.limits.T
-    q = rng.uniform(limits[:, 0], limits[:, 1], (_TRIALS, n))
-    other = rng.uniform(limits[:, 0], limits[:, 1], (_TRIALS, n))
+    low, high = model.limits
+    q, other = (rng.uniform(low, high, (_TRIALS, n)) for _ in range(2))
     efforts = motion.gravity(model, q)
     scale = float(np.max(np.abs(efforts))) or 1.0
     for place, joint in enumerate(chain):

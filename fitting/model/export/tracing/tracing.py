@@ -43,12 +43,7 @@ Past = Literal["settled", "first", "later"]
 
 
 class _MachineNodes:
-    """Expressions of the machine itself, without effects: links, drives, linkages, chamber pressures.
-
-    Attributes
-    ----------
-    geometry : of the links
-    """
+    """Expressions of the machine itself, without effects: links, drives, linkages, chamber pressures."""
 
     def __init__(self, model: ArmModel, graph: Graph) -> None:
         self.model, self.graph = model, graph
