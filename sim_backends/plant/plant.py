@@ -30,6 +30,8 @@ PHYSICS_RATE = 1000.0  # Hz, at least
 RIGID_RATE = 200.0  # Hz, at least: the arm's effort is smooth and taken as linear in between
 KNOCK_TIME = 0.04  # s, half a sine
 GRIP_TIME = 0.4  # s that it takes to pick a payload up
+PRESSURE_ROUNDS = 50  # at most, until a friction and the pressures that it makes agree
+PRESSURE_FORCE = 1.0e-6  # N, to which they do
 SETTLE_TIME = 2.0  # s at rest before an offline recording starts
 
 
@@ -225,13 +227,19 @@ class Plant:
             rate = block.qd[:, driven]
             force[:, driven] += self._drives[0] * hydraulics.direction(rate, 1.0e-3) + self._drives[1] * rate
             effort[:, driven] = force[:, driven]
-        self._fill_chambers(block, force)
         for effect in self.effects:
-            extra = effect.piston_force(block)
-            if extra is not None:
-                force[:, effect.joint] += extra
-        if self.effects:  # seals felt the pressures without the effects' own small part
+            if not effect.feels_pressure:
+                _push(effect, block, force)
+        self._fill_chambers(block, force)
+        pressed = [effect for effect in self.effects if effect.feels_pressure]
+        free = force
+        for _ in range(PRESSURE_ROUNDS if pressed else 0):
+            before, force = force, free.copy()
+            for effect in pressed:
+                _push(effect, block, force)
             self._fill_chambers(block, force)
+            if np.allclose(force, before, rtol=0.0, atol=PRESSURE_FORCE):
+                break
         return force
 
     def _fill_chambers(self, block: Block, force: FloatArray) -> None:
@@ -281,6 +289,13 @@ class _Knocks:
             out[k : k + steps, j] += self._rng.uniform(-1.0, 1.0) * self._size[j] * self._shape
         self._rest = out[n:]
         return out[:n]
+
+
+def _push(effect: UndeclaredEffect, block: Block, force: FloatArray) -> None:
+    """Add what the chambers overcome for an effect to hydraulic forces (n, J) in N, in place."""
+    extra = effect.piston_force(block)
+    if extra is not None:
+        force[:, effect.joint] += extra
 
 
 def _effect(spec: EffectSpec, machine: Machine, truth: Truth, dt: float, rng: np.random.Generator) -> UndeclaredEffect:

@@ -83,6 +83,7 @@ class UndeclaredEffect:
     needs_cylinder: ClassVar[bool] = True
     needs_three_pin: ClassVar[bool] = False
     needs_rotation: ClassVar[bool] = False  # a sliding joint cannot have it
+    feels_pressure: ClassVar[bool] = False  # its piston force follows the chambers', which it changes itself: no state
     shown_by: ClassVar[tuple[str, ...]] = ()  # of :meth:`variables`, signals of its own joint
     shown_by_other: ClassVar[tuple[str, ...]] = ()  # and signals of ``other``, a neighbour that it draws
     other: int

@@ -34,6 +34,7 @@ class PressureDependentFriction(UndeclaredEffect):
     id = "pressure_dependent_friction"
     unit = "N"
     meaning = "friction force with both chambers at 2 MPa"
+    feels_pressure = True
 
     def piston_force(self, block: Block) -> FloatArray:
         p1, p2 = block.p1[:, self.joint], block.p2[:, self.joint]

@@ -138,6 +138,7 @@ class PilotLine(UndeclaredEffect):
     id = "pilot_line"
     unit = "N"
     meaning = "resistance to retracting while the neighbour's head chamber has no pressure"
+    feels_pressure = True
     shown_by_other = ("head_pressure", "cylinder_force")
 
     def prepare(self, rng: np.random.Generator) -> None:

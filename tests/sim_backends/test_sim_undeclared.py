@@ -165,6 +165,17 @@ def test_friction_effects_turn_with_the_motion_and_forces_do_not(pinned):
     assert np.all(np.diff(extra[np.argsort(x)]) > -1e-6), "monotone in position, whatever the speed"
 
 
+@pytest.mark.parametrize("size", [30.0, 300.0])
+def test_seals_feel_the_pressures_that_their_friction_makes(pinned, size):
+    machine, truth, motion, plain = pinned
+    table = tables(machine, truth, motion, [spec("pressure_dependent_friction", size)])
+    p1, p2 = table[f"{JOINT}.head_pressure"], table[f"{JOINT}.rod_pressure"]
+    v = np.gradient(plain[f"{JOINT}.piston_position"], 0.02)
+    clear = np.abs(v) > 5e-3
+    felt = size * ((0.6 * np.maximum(p1, p2) + 0.4 * p2) / 2.0e6) ** 0.95 * np.sign(v)
+    np.testing.assert_allclose((force(machine, table) - force(machine, plain))[clear], felt[clear], atol=1e-4 * size)
+
+
 def test_latency_is_a_delay_of_the_pressures(pinned):
     machine, truth, motion, plain = pinned
     table = tables(machine, truth, motion, [spec("sensor_latency", 0.02)])
