@@ -30,7 +30,9 @@ PositionStd = Mapping[str, float]
 
 BLOCK_SECONDS = 3.0
 _FADE_SECONDS = 0.3
-PRIOR_DRAWS = 6
+#: Inflation that is usual, and how many draws that knowledge is worth: 18 replicas of 350 candidates of seven cases
+#: scatter 1.2 times as in theory, their logarithms by 0.28 more than 18 draws do (`benchmarks/results/evidence.md`).
+USUAL_INFLATION, PRIOR_DRAWS = 1.2, 25
 #: Share of the bias in replicas that is expected of a machine: on 40 simulated arms without any effect it is
 #: 0.5 +- 0.1 (`benchmarks/results/evidence.md`), and not more than all of it in any of 188 estimates.
 BIAS_SHARE = 0.5
@@ -76,11 +78,11 @@ class Null:
 
     @property
     def inflation(self) -> float:
-        """Variance of the values over the theory's, at least 1; joined with :data:`PRIOR_DRAWS` draws of the theory."""
+        """Variance of the values over the theory's, at least 1; joined with what is usual."""
         spread = self._determined(self.values - self.values.mean(axis=0))
         total = float(np.einsum("bi,ij,bj->", spread, self.information, spread))
         freedom = (self.draws - 1 + PRIOR_DRAWS) * self.live
-        return max(1.0, (total + PRIOR_DRAWS * self.live) / freedom)
+        return max(1.0, (total + PRIOR_DRAWS * USUAL_INFLATION * self.live) / freedom)
 
     def inflation_along(self, values: FloatArray) -> float:
         """Compute the inflation of noise along values (k,): noise that hangs together is not alike in every way.
@@ -93,7 +95,7 @@ class Null:
             return self.inflation
         spread = self._determined(self.values - self.values.mean(axis=0))
         total = float(np.sum((spread @ (self.information @ direction / np.sqrt(length))) ** 2))
-        return max(1.0, (total + PRIOR_DRAWS) / (self.draws - 1 + PRIOR_DRAWS))
+        return max(1.0, (total + PRIOR_DRAWS * USUAL_INFLATION) / (self.draws - 1 + PRIOR_DRAWS))
 
     def _determined(self, values: FloatArray) -> FloatArray:
         """Return rows of values in well-determined directions only: the others differ between replicas."""

@@ -16,7 +16,7 @@ from fitting.residual.scoring import Candidates, Score
 from fitting.residual.terms import Model
 from fitting.selection import priors
 from fitting.selection.confirm import Signals
-from fitting.selection.evidence import least_gain, whitened_parts
+from fitting.selection.evidence import DEAD, least_gain
 
 #: Gain beyond which no noise in regressors makes it: 17 standard deviations.
 BEYOND_BIAS = 300.0
@@ -96,9 +96,9 @@ class Trust:
             head = max(drawn or own, key=lambda n: scores[n].gain)
             if isinstance(scores[head].term.content, Effect) and scores[head].gain > priors.SMALLEST**2:
                 (known if drawn else others).append([head, *(n for n in own if n != head)])
+        known.sort(key=lambda own: -scores[own[0]].gain * self._shares[own[0]])
         others += [[n] for own in laws for n in own if scores[n].gain > priors.SMALLEST**2]
-        self._share_scatter(known, scores)
-        self._share_bias(known, others, scores)
+        self._share_common(known, others, scores)
 
     def inflations(self, heads: Mapping[int, Score]) -> dict[int, float]:
         """Compute the noise inflation, by joint, of the rows that show the most probable there."""
@@ -121,55 +121,41 @@ class Trust:
                 kept / sum(max(p, 0.0) for p in parts.values()) if kept else 1.0
             )
 
-    def _share_scatter(self, names: Sequence[Sequence[int]], scores: Mapping[int, Score]) -> None:
-        """Share scatter among alike names in replicas, whatever the few that were drawn show of each.
-
-        Each name's inflation is the mean of those of all names, weighted by how alike they are: times a large gain, a
-        tenth more or less would decide between two that the data hardly separates.
-        """
-        numbers = [own[0] for own in names]
-        inflation = np.array([_scatter(scores[n]) for n in numbers])
-        drawn = np.array([scores[n].null is not None for n in numbers])
-        if len(numbers) < 2 or not drawn.any():
-            return
-        alike = self._overlap(numbers, numbers, scores) * drawn
-        total = alike.sum(axis=1)
-        pooled = (alike @ inflation + np.maximum(1.0 - total, 0.0)) / np.maximum(total, 1.0)
-        for own, factor in zip(names, inflation / pooled, strict=True):
-            self._shares |= {n: float(self._shares[n] * factor) for n in own}
-
-    def _share_bias(
-        self, names: Sequence[Sequence[int]], others: Sequence[Sequence[int]], scores: Mapping[int, Score]
+    def _share_common(
+        self, known: Sequence[Sequence[int]], others: Sequence[Sequence[int]], scores: Mapping[int, Score]
     ) -> None:
-        """Share the regressor noise's bias of a name with whatever is like it.
+        """Let what two explanations take alike count alike: of the lesser, what is its own has its own share.
 
-        Replicas are few, and their scatter, times a large gain, would decide between two alike. So a
-        law's own replicas count for that part of it only which the most similar name does not share; and a name of
-        which none were drawn has, as far as it is alike, the share of one of which some were.
+        Of two, each is known by what it takes beside the other. Replicas are few, and their scatter or bias, times
+        what both take, would decide between two that the data hardly separates. ``known`` are the greatest first.
         """
-        if not names or not others:
+        if not known:
             return
-        heads = [own[0] for own in names]
-        alike = self._overlap(heads, [own[0] for own in others], scores)
-        trust = np.array([scores[n].gain * self._shares[n] / _biased_gain(scores[n]) for n in heads])
-        for own, most, share in zip(others, np.argmax(alike, axis=0), np.max(alike, axis=0), strict=True):
-            self._shares |= {n: float(share * trust[most] + (1.0 - share) * self._shares[n]) for n in own}
+        groups = [*known, *others]
+        numbers = [own[0] for own in groups]
+        common = self._common(numbers[: len(known)], numbers, scores)
+        for at, own in enumerate(groups[1:], start=1):
+            above = common[: min(at, len(known)), at]
+            most = int(np.argmax(above))
+            head, share = numbers[most], float(above[most])
+            trust = scores[head].gain * self._shares[head] / _biased_gain(scores[head])
+            self._shares |= {n: share * trust + (1.0 - share) * self._shares[n] for n in own}
 
-    def _overlap(self, names: Sequence[int], others: Sequence[int], scores: Mapping[int, Score]) -> FloatArray:
-        """Compute the overlap of names and others (N, L): either's contribution that the other could make.
+    def _common(self, names: Sequence[int], others: Sequence[int], scores: Mapping[int, Score]) -> FloatArray:
+        """Compute the share of each other's gain that it does not take beside a name (N, L), by what both contribute.
 
-        Those of different joints are not.
+        Those of different joints have none in common.
         """
-        alike = np.zeros((len(names), len(others)))
+        shares = np.zeros((len(names), len(others)))
         for place, rows in _places(names, scores).items():
             for other, columns in _places(others, scores).items():
                 if place == other or None in (place, other):
                     one, two = [names[k] for k in rows], [others[k] for k in columns]
-                    cross = self.candidates.cross_products(self.model, one, two)
-                    first, second = [scores[n] for n in one], [scores[n] for n in two]
-                    mutual = _explained(first, second, cross.T) * _explained(second, first, cross).T
-                    alike[np.ix_(rows, columns)] = mutual
-        return alike
+                    (V, x), (W, y) = _fitted(one, scores), _fitted(two, scores)
+                    alike = np.clip(V.T @ self.candidates.cross_products(self.model, one, two) @ W, -1.0, 1.0)
+                    beside = (y - alike * x[:, None]) ** 2 / np.maximum(1.0 - alike**2, DEAD)
+                    shares[np.ix_(rows, columns)] = np.clip(1.0 - beside / y**2, 0.0, 1.0)
+        return shares
 
 
 def _places(numbers: Sequence[int], scores: Mapping[int, Score]) -> dict[int | None, list[int]]:
@@ -180,18 +166,12 @@ def _places(numbers: Sequence[int], scores: Mapping[int, Score]) -> dict[int | N
     return result
 
 
-def _explained(own: Sequence[Score], others: Sequence[Score], cross: FloatArray) -> FloatArray:
-    """Compute the share of each candidate's contribution that each other could make (N, M), by products of the others'
-    columns in turn with the candidates' own.
-    """
-    made = cross @ block_diag(*(np.reshape(score.values, (-1, 1)) for score in own))
-    whole = [float(np.asarray(score.values) @ score.information @ score.values) for score in own]
-    ends = np.cumsum([len(score.values) for score in others])
-    could = [
-        np.sum((whitened_parts(score.information).T @ part) ** 2, axis=0)
-        for score, part in zip(others, np.split(made, ends[:-1]), strict=True)
-    ]
-    return np.minimum(1.0, np.transpose(could) / np.maximum(whole, 1e-300)[:, None])
+def _fitted(numbers: Sequence[int], scores: Mapping[int, Score]) -> tuple[FloatArray, FloatArray]:
+    """Return candidates' fitted values (P, N), of unit contribution each, and the roots (N,) of what they take."""
+    own = [scores[n] for n in numbers]
+    taken = [max(float(score.fitted @ score.information @ score.fitted), DEAD * score.gain) for score in own]
+    sizes = np.sqrt(taken)
+    return block_diag(*((score.fitted / size)[:, None] for score, size in zip(own, sizes, strict=True))), sizes
 
 
 def _shares(numbers: Sequence[int], scores: Mapping[int, Score]) -> dict[int, float]:
@@ -200,11 +180,6 @@ def _shares(numbers: Sequence[int], scores: Mapping[int, Score]) -> dict[int, fl
     law = isinstance(scores[numbers[0]].term.content, Law)
     usual = min(drawn.values()) if drawn and not law else 1.0
     return {n: drawn.get(n, usual) for n in numbers}
-
-
-def _scatter(score: Score) -> float:
-    """Return the fitted variance over the theory's by replicas; 1 where none were drawn."""
-    return 1.0 if score.null is None else score.null.inflation_along(score.fitted)
 
 
 def _biased_gain(score: Score) -> float:

@@ -11,7 +11,7 @@ from synthetic_arm import clean_session
 from fitting.effects import effect
 from fitting.loop.refits import SessionSignals
 from fitting.residual.confirmation.confirmation import misfit
-from fitting.residual.null import BIAS_SHARE, PRIOR_DRAWS, Null, resampled
+from fitting.residual.null import BIAS_SHARE, PRIOR_DRAWS, USUAL_INFLATION, Null, resampled
 from fitting.residual.scoring import score_terms
 from fitting.residual.terms import Term
 from fitting.signals.corrections import Corrections
@@ -45,17 +45,17 @@ def test_a_bias_that_draws_agree_on_is_taken_off_and_scatter_is_not() -> None:
     assert scatter.weight(np.array([2.0]), information) > 2.0**2 * 4.0 / 2
 
 
-def test_inflation_is_that_of_the_draws_joined_with_the_theory() -> None:
+def test_inflation_is_that_of_the_draws_joined_with_what_is_usual() -> None:
     values = np.array([[3.0], [-3.0], [3.0], [-3.0]])
     null = Null(values, np.array([[1.0]]), 1)
-    assert null.inflation == pytest.approx((36.0 + PRIOR_DRAWS) / (3 + PRIOR_DRAWS))
-    assert Null(0.1 * values, np.array([[1.0]]), 1).inflation == 1.0
+    assert null.inflation == pytest.approx((36.0 + PRIOR_DRAWS * USUAL_INFLATION) / (3 + PRIOR_DRAWS))
+    assert Null(0.1 * values[:2].repeat(50, axis=0), np.array([[1.0]]), 1).inflation == 1.0
     assert null.joined(null).draws == 8
 
 
 def test_noise_along_what_was_found_is_that_of_a_single_parameter_in_any_number_of_columns() -> None:
     rng = np.random.default_rng(1)
-    slow, white = 3.0 * rng.standard_normal(12), rng.standard_normal((12, 7))
+    slow, white = 3.0 * rng.standard_normal(96), rng.standard_normal((96, 7))
     slow, white = slow - slow.mean(), white - white.mean(axis=0)
     information = np.eye(8)
     many = Null(np.column_stack([slow, white]), information, 8)

@@ -73,3 +73,18 @@ def test_what_is_not_alike_is_believed_as_it_is() -> None:
     trust.weigh([[0], [1]], [], scores)
     assert trust.of(0) < 0.5
     assert trust.of(1) > 0.9
+
+
+def test_of_two_what_both_take_counts_alike_and_the_rest_by_its_own_replicas() -> None:
+    """Two friction laws that gain as much alone: what the second takes beside the first is least squares' answer."""
+    terms = [Term(effect("velocity_root_friction"), 1, {"n": 0.15}), Term(effect("quadratic_loss"), 1, {})]
+    trust, scores = trust_and_scores(*terms)
+    shown = np.column_stack([trust.candidates.shown(trust.model, n, scores[n].values)[1] for n in (0, 1)])
+    shown /= np.linalg.norm(shown, axis=0)
+    target = np.linalg.pinv(shown.T) @ np.full(2, np.sqrt(200.0))  # either takes 200 of it alone, both together all
+    beside = float(target @ target) - 200.0
+    assert 10.0 < beside < 190.0
+    scores[0] = drawn(scores[0])
+    trust.weigh([[0], [1]], [], scores)
+    assert trust.of(0) < 0.5
+    assert 200.0 * trust.of(1) == pytest.approx((200.0 - beside) * trust.of(0) + beside, rel=1e-3)
