@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bench_machines import can
+from shorter_arm import shorter_arm
 from typer.testing import CliRunner
 
 from daq import parse_machine
@@ -20,7 +21,7 @@ from daq.commissioning.identities import identity_findings, mapping_of, scale_fi
 from daq.commissioning.rest import AtRest, at_rest
 from server.bus_checks.bus_check_resource import check_running
 from server.commands.command_line import build
-from sim_backends import SimulatedMachine, default_machine
+from sim_backends import SimulatedMachine
 
 RATE = 50.0
 T = np.arange(3000) / RATE
@@ -114,8 +115,8 @@ def identity_in_service(path: Path) -> dict[str, str]:
 
 @pytest.mark.slow
 def test_the_commands_on_a_simulated_machine(tmp_path: Path) -> None:
-    """Independent nodes and units over sockets: scan, check and monitor of the demonstration's arm."""
-    machine, truth = default_machine()
+    """Independent nodes and units over sockets: scan, check and monitor of an arm with a joint on either bus."""
+    machine, truth = shorter_arm(1, 4)
     with SimulatedMachine(machine, truth, seed=1, workdir=tmp_path) as running:
         file, page = str(running.machine_path), tmp_path / "check.html"
 
@@ -124,7 +125,7 @@ def test_the_commands_on_a_simulated_machine(tmp_path: Path) -> None:
         sources = [channel.source for channel in machine.channels]
         wanted = {source.node for source in sources if source is not None and source.bus == "can"}
         assert {node["node"] for node in can_bus["nodes"]} == wanted and can_bus["masters"] == ""
-        assert {unit["unit"] for unit in modbus["units"]} == {4, 5, 6, 10}
+        assert {unit["unit"] for unit in modbus["units"]} == {4, 10}
 
         checked = CliRunner().invoke(build(), ["bus", "check", file, "--seconds", "4", "-o", str(page), "--json"])
         content = json.loads(checked.stdout)
@@ -137,7 +138,7 @@ def test_the_commands_on_a_simulated_machine(tmp_path: Path) -> None:
         assert encoder["identity"]["device"] == "HF-RE20 rotary encoder"
         by_name = {c["name"]: c["rest"]["noise"] for c in content["channels"]}
         assert by_name["supply_pressure"] == pytest.approx(0.015, rel=0.5), "as the machine file's noise_std says"
-        assert "<h2>Channels</h2>" in page.read_text() and "joint6.angle" in page.read_text()
+        assert "<h2>Channels</h2>" in page.read_text() and "joint4.angle" in page.read_text()
 
         unit = next(device for device in content["devices"] if device["device"] == "unit 4")
         assert unit["identity"] == {"device": "HF-MB4 transmitter", "firmware": "1.0", "vendor": "hilfit"}
@@ -145,9 +146,9 @@ def test_the_commands_on_a_simulated_machine(tmp_path: Path) -> None:
         assert identity_in_service(running.machine_path)["device"] == "HF-RE20 rotary encoder"
 
         watched = CliRunner().invoke(build(), ["bus", "monitor", file, "--seconds", "1.5", "--rate", "2"])
-        assert watched.exit_code == 0 and "joint6.angle" in watched.stdout and "fresh" in watched.stdout
+        assert watched.exit_code == 0 and "joint4.angle" in watched.stdout and "fresh" in watched.stdout
 
         asked = CliRunner().invoke(build(), ["bus", "monitor", file, "--seconds", "1.5", "--rate", "2", "--json"])
         pictures = [json.loads(line) for line in asked.stdout.splitlines()]
         assert len(pictures) >= 2
-        assert pictures[-1]["channels"]["joint6.angle"]["quality"] == "fresh"
+        assert pictures[-1]["channels"]["joint4.angle"]["quality"] == "fresh"

@@ -1,4 +1,6 @@
-"""``python serve_with_set_clock.py DIRECTORY``: the real service with the simulated machine and access control.
+"""``python serve_with_set_clock.py DIRECTORY``: the real service with access control and a simulated machine.
+
+The machine is the demonstration's with three joints, not six.
 
 Its schedules' clock starts at five minutes past the hour, whatever the computer's, and is ``DIRECTORY/hours`` later, so
 that a test neither waits for a slot nor has one that it did not ask for.
@@ -12,7 +14,12 @@ import sys
 from datetime import datetime, timedelta
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "daq"))
+
+from shorter_arm import three_joints
+
 from server.composition.serve import serve
+from server.machines.machine_resource import SIMULATE
 from server.platform.database.engine import utc_now
 from server.platform.processes import children
 from server.platform.settings import Settings
@@ -37,4 +44,4 @@ if __name__ == "__main__":
     settings = Settings(
         data_dir=place / "data", port=0, simulate=True, simulation_speed=SPEED, access="required", local_jobs=True
     )
-    serve(settings, ready, {CLOCK: clock})
+    serve(settings, ready, {CLOCK: clock, SIMULATE: three_joints})

@@ -1,5 +1,6 @@
 """A site's whole use over a real socket: design, record, identify, approve by a second person, activate, export, and a
-schedule that fires twice. The machine is the demo's, simulated; every request is one that a tablet or a program sends.
+schedule that fires twice. The machine is the demo's with three joints, simulated; every request is one that a tablet or
+a program sends.
 
 What the whole loop says of such recordings through REST is in `test_demo.py`.
 """
@@ -242,7 +243,7 @@ def recalibrate_by_hand(place: SiteOfTest, recorded: list[str]) -> str:
     identification = f"/identifications/{ordered['id']}"
     report = who.get(f"{identification}/report.json")
     assert report["schema"] == "hilfit/report/1"
-    assert report["reduction"] == {"standard_parameters": 78, "base_parameters": 18}
+    assert report["reduction"] == {"standard_parameters": 39, "base_parameters": 9}
     rows = {row["role"]: row["statistics"]["rows"] for row in (who.get(f"/recordings/{id}") for id in recorded)}
     assert {entry["role"]: entry["samples"] for entry in report["data"]} == rows
     assert rows.keys() == {"unloaded", "train", "repeat", "validate"}
@@ -310,7 +311,7 @@ def schedule_fires_twice(place: SiteOfTest, excitations: list[str], active: str)
         )
         assert found["comparison"]["active"] == active
         joints = found["comparison"]["joints"]
-        assert joints.keys() == {f"joint{number}" for number in range(1, 7)}
+        assert joints.keys() == {f"joint{number}" for number in range(1, 4)}
         assert all(0 < table["after"] < 10 * table["before"] for table in joints.values()), joints
     seen = who.get(f"{path}/slots")["items"]
     assert [slot["state"] for slot in seen] == ["done", "done"]
