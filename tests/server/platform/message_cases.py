@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterator
+from functools import cache
 from itertools import count
 from pathlib import Path
 from string import Formatter
@@ -62,6 +63,7 @@ def named_message() -> Sentence:
     return Sentence("daq.named", name="arm.yaml:3", what=Sentence("daq.value_missing"))
 
 
+@cache
 def codes() -> tuple[str, ...]:
     """Name all messages of the product."""
     return tuple(f"{package}.{key}" for package in PACKAGES for key in texts(package, "en")["messages"])

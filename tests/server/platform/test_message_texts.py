@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import json
 import re
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -21,38 +20,48 @@ from server.monitor.monitor_supervisor import WORDS as DRIFTS
 from server.recalibrations.recalibration_job import WORDS as RECALIBRATION
 from tests.server.platform.message_cases import PACKAGES, ROOT, codes, placeholders, sample
 
+#: What is looked for in modules; nothing else of their trees is kept.
+KINDS = (ast.Call, ast.Constant, ast.JoinedStr, ast.ClassDef)
+
 
 @cache
-def sources() -> tuple[tuple[str, ast.Module], ...]:
-    """All modules of the product."""
+def sources() -> tuple[tuple[str, tuple[ast.expr | ast.stmt, ...]], ...]:
+    """All modules of the product, each with its nodes of :data:`KINDS`, in the order of :func:`ast.walk`."""
     files = (file for package in (*PACKAGES, "hilfit") for file in sorted((ROOT / package).rglob("*.py")))
     return tuple(
-        (str(file.relative_to(ROOT)), ast.parse(file.read_text("utf-8")))
+        (
+            str(file.relative_to(ROOT)),
+            tuple(node for node in ast.walk(ast.parse(file.read_text("utf-8"))) if isinstance(node, KINDS)),
+        )
         for file in files
         if "node_modules" not in file.parts
     )
 
 
-def named() -> Iterator[tuple[str, int, str, frozenset[str] | None]]:
-    """Yield file, line, code and the names of values of each constant that is a code; None where others give values."""
-    known = set(codes())
-    for file, tree in sources():
+@cache
+def named() -> tuple[tuple[str, int, str, frozenset[str] | None], ...]:
+    """File, line, code and the names of values of each constant that is a code; None where others give values."""
+    known, found = set(codes()), []
+    for file, nodes in sources():
         calls = {
             id(node.args[0]): frozenset(own.arg or "**" for own in node.keywords)
-            for node in ast.walk(tree)
+            for node in nodes
             if isinstance(node, ast.Call) and node.args
         }
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value in known:
-                yield file, node.lineno, node.value, calls.get(id(node))
+        found += [
+            (file, node.lineno, node.value, calls.get(id(node)))
+            for node in nodes
+            if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value in known
+        ]
+    return tuple(found)
 
 
 def put_together() -> re.Pattern[str]:
     """Codes that sources put together: ``fitting.check_{key}``; of one that is nothing but a value, see ``VALUES``."""
     forms = (
         "".join(re.escape(str(part.value)) if isinstance(part, ast.Constant) else ".+" for part in node.values)
-        for _, tree in sources()
-        for node in ast.walk(tree)
+        for _, nodes in sources()
+        for node in nodes
         if isinstance(node, ast.JoinedStr)
     )
     named_by = (form for form in forms if re.match(rf"({'|'.join(PACKAGES)})\\\.\w", form) and " " not in form)
@@ -75,8 +84,8 @@ def test_sources_give_the_values_that_a_text_names() -> None:
 
 def test_sources_name_no_message_that_there_is_not() -> None:
     known, found = set(codes()), set()
-    for file, tree in sources():
-        for node in ast.walk(tree):
+    for file, nodes in sources():
+        for node in nodes:
             if isinstance(node, ast.Call) and node.args and isinstance(node.args[0], ast.Constant):
                 name = getattr(node.func, "id", getattr(node.func, "attr", ""))
                 text = node.args[0].value
@@ -89,8 +98,8 @@ def refusals() -> set[str]:
     """Names of what is raised on purpose: ``HilfitError`` and all that is made of it, and what ends a job's step."""
     bases = {
         node.name: {ast.unparse(base).rpartition(".")[2] for base in node.bases}
-        for _, tree in sources()
-        for node in ast.walk(tree)
+        for _, nodes in sources()
+        for node in nodes
         if isinstance(node, ast.ClassDef)
     }
     found = {"HilfitError", "TakenOver", "ServiceStopping"}
@@ -116,8 +125,8 @@ def test_no_refusal_is_raised_with_a_sentence() -> None:
     assert {"InputError", "StartError", "RecordingError", "SimulationError", "ReportError"} <= names
     found = [
         f"{file}:{node.lineno}: {ast.unparse(node)}"
-        for file, tree in sources()
-        for node in ast.walk(tree)
+        for file, nodes in sources()
+        for node in nodes
         if isinstance(node, ast.Call)
         and getattr(node.func, "id", getattr(node.func, "attr", "")) in names
         and node.args
