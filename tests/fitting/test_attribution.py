@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic_arm import RATE, clean_session, exact_views, force, make_session, planar_machine, truth
+from synthetic_arm import RATE, exact_views, force, make_session, planar_machine, truth
 
 from fitting.effects import effect
 from fitting.effects.end_cushion import EndCushion
@@ -50,6 +50,24 @@ def session_with(law: object, **options: object) -> Session:
 
 def run(session: Session) -> Attribution:
     return run_attribution(session, Corrections(session.machine))
+
+
+def friction_by_place(segment: object, index: int) -> np.ndarray:
+    """More friction the farther the piston is out."""
+    return np.asarray(900.0 * (segment.x[:, 1] - 0.15) * np.sign(segment.v[:, 1]))  # type: ignore[attr-defined]
+
+
+@pytest.fixture(scope="module")
+def rubbing() -> tuple[Session, Attribution]:
+    """An arm with an effect of the catalogue, and what is found in it."""
+    session = session_with(friction_by_place)
+    return session, run(session)
+
+
+@pytest.fixture(scope="module")
+def nothing_there() -> Attribution:
+    """Nothing was put in."""
+    return run(session_with(lambda s, i: np.zeros(len(s))))
 
 
 @pytest.fixture(scope="module")
@@ -100,20 +118,20 @@ def test_what_is_only_in_the_training_motions_is_refused() -> None:
 
 
 @pytest.mark.slow
-def test_nothing_is_selected_on_the_validation_motion() -> None:
+def test_nothing_is_selected_on_the_validation_motion(nothing_there: Attribution) -> None:
     """An effect that only `validate` has is invisible to the loop: no candidate scores differently."""
 
     def law(segment: object, index: int) -> np.ndarray:
         return (RECORDINGS[index][0] == "validate") * 200.0 * np.sign(segment.v[:, 1])  # type: ignore[attr-defined]
 
-    spoiled, clean = run(session_with(law)), run(session_with(lambda s, i: np.zeros(len(s))))
+    spoiled, clean = run(session_with(law)), nothing_there
     assert spoiled.verdict == clean.verdict == "nothing_missing"
     assert [c.score for c in spoiled.candidates] == [c.score for c in clean.candidates]
 
 
 @pytest.mark.slow
 def test_without_a_validation_motion_nothing_confirms_and_nothing_is_claimed_to() -> None:
-    session = session_with(lambda s, i: 900.0 * (s.x[:, 1] - 0.15) * np.sign(s.v[:, 1]))
+    session = session_with(friction_by_place)
     model = session.base_model
     attribution = Search(model, (), SessionSignals(session, Corrections(session.machine))).run()
     assert [a.score.term.family for a in attribution.accepted] == [("position_dependent_friction", 1)]
@@ -176,23 +194,21 @@ def test_terms_survive_their_way_through_json(strange: Attribution) -> None:
 
 
 @pytest.mark.slow
-def test_the_final_model_is_the_loops_model() -> None:
-    session = session_with(lambda s, i: 900.0 * (s.x[:, 1] - 0.15) * np.sign(s.v[:, 1]))
-    attribution = run(session)
+def test_the_final_model_is_the_loops_model(rubbing: tuple[Session, Attribution]) -> None:
+    session, attribution = rubbing
     model = final_model(session, Corrections(session.machine), attribution.model.terms)[1].model
     assert model.fit.theta == pytest.approx(attribution.model.fit.theta, rel=1e-6, abs=1e-6)
 
 
 @pytest.mark.slow
-def test_limits_are_given_for_what_was_not_found() -> None:
-    attribution = run(clean_session(2))
-    assert attribution.verdict == "nothing_missing"
-    families = {s.term.family for s in attribution.limits}
+def test_limits_are_given_for_what_was_not_found(nothing_there: Attribution) -> None:
+    assert nothing_there.verdict == "nothing_missing"
+    families = {s.term.family for s in nothing_there.limits}
     assert {("load_dependent_friction", 0), ("sensor_latency", 1), ("payload", None)} <= families
 
 
 def test_validate_gain_is_the_fall_of_the_whitened_chi_square() -> None:
-    session = session_with(lambda s, i: 900.0 * (s.x[:, 1] - 0.15) * np.sign(s.v[:, 1]))
+    session = session_with(friction_by_place)
     before = session.base_model
     term = Term(effect("position_dependent_friction"), 1)
     after = fit_model(before.design, before.noise, before.fitted, [term], session.prior, before)
@@ -413,9 +429,10 @@ def test_a_ripple_above_the_band_is_named_and_nothing_is_added() -> None:
 
 
 @pytest.mark.slow
-def test_an_accepted_effect_holds_at_every_cut_off_and_for_both_witnesses() -> None:
-    attribution = run(session_with(lambda s, i: 900.0 * (s.x[:, 1] - 0.15) * np.sign(s.v[:, 1])))
-    (accepted,) = attribution.accepted
+def test_an_accepted_effect_holds_at_every_cut_off_and_for_both_witnesses(
+    rubbing: tuple[Session, Attribution],
+) -> None:
+    (accepted,) = rubbing[1].accepted
     assert len(accepted.cutoffs) == 3
     first = accepted.cutoffs[0][1]
     assert all(0.5 < value / first < 2.0 for _, value, _ in accepted.cutoffs)

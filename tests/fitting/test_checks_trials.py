@@ -320,12 +320,14 @@ def test_a_link_with_a_decimal_slip_is_named_however_little_it_leaves() -> None:
     assert first(check_recordings(wrong, runs)) == ("length", "joint1")
 
 
-def sample_of(name: str) -> tuple[Machine, list[Recording]]:
+def sample_of(name: str, left_out: str = "") -> tuple[Machine, list[Recording]]:
+    """Machine and recordings of a sample; without those of a role, if one is left out."""
     data = Path(__file__).parents[3] / "shared" / "samples" / name
     if not data.is_dir():
         pytest.skip(f"the sample is not there (../shared/samples/{name})")
     machine = load_machine(data / "machine.yaml")
-    return machine, [read_recording(path, machine, path.stem.split("-")[0]) for path in sorted(data.glob("*.parquet"))]
+    roles = {path: path.stem.split("-")[0] for path in sorted(data.glob("*.parquet"))}
+    return machine, [read_recording(path, machine, role) for path, role in roles.items() if role != left_out]
 
 
 @pytest.mark.slow
@@ -337,7 +339,8 @@ def test_a_length_of_the_wrong_sign_is_named_however_little_it_leaves() -> None:
 
 @pytest.mark.slow
 def test_an_arm_that_moves_twenty_times_too_fast_is_not_pushed_by_its_joints() -> None:
-    machine, runs = sample_of("tilted-base")
+    # With the unloaded recording far more hypotheses are tried, at three times the cost; the rate still wins.
+    machine, runs = sample_of("tilted-base", left_out="unloaded")
     fast = machine.model_copy(update={"rate_hz": 20 * machine.rate_hz})
     found = check_recordings(fast, [replace(r, time=r.time / 20, rate_hz=fast.rate_hz) for r in runs])
     assert first(found) == ("wrong_rate", None)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -26,6 +27,7 @@ from fitting.effects import effect
 from fitting.effects.base import Shape
 from fitting.loop.kinematic_check import (
     KinematicFinding,
+    Kinematics,
     _rebuilt_by,
     _rows,
     _with_efforts,
@@ -46,7 +48,15 @@ ROLES = (("unloaded", 1), ("train", 2), ("repeat", 2), ("validate", 3))
 
 
 def with_reading(reading: Callable[[np.ndarray], np.ndarray], joint: int = 1) -> Session:
+    """An arm with an encoder that reads something else."""
     return make_session(planar_machine(2), ARM, joint_reading=lambda j, q: reading(q) if j == joint else q)
+
+
+@cache
+def with_offset(offset: float) -> tuple[Session, Kinematics]:
+    """An encoder whose zero is off by so many rad, and what is found of it; shared by tests that only read it."""
+    session = with_reading(lambda q: q + offset)
+    return session, kinematics(session)
 
 
 def named(findings: tuple[KinematicFinding, ...], effect: str, joint: int) -> KinematicFinding:
@@ -73,8 +83,7 @@ def test_two_sound_encoders_show_no_eccentricity() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("offset", [0.002, -0.03])
 def test_an_encoder_offset_is_named_measured_and_rebuilt(offset: float) -> None:
-    session = with_reading(lambda q: q + offset)
-    found = kinematics(session)
+    session, found = with_offset(offset)
     findings, corrections = found.findings, found.corrections
     finding = named(findings, "encoder_offset", 1)
     assert "encoder_eccentricity" not in finding.rivals, "an eccentricity without harmonics is an offset"
@@ -88,8 +97,7 @@ def test_an_encoder_offset_is_named_measured_and_rebuilt(offset: float) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("zeroed", [False, True])
-@pytest.mark.parametrize("n", [2, 4])
+@pytest.mark.parametrize(("n", "zeroed"), [(2, False), (4, True)])
 def test_an_eccentric_encoder_is_named_with_its_harmonic(n: int, zeroed: bool) -> None:
     """Encoders are zeroed on the machine, so that the error is zero there and not on average."""
     zero = -0.002 if zeroed else 0.0
@@ -253,8 +261,7 @@ def test_one_position_sensor_cannot_be_checked() -> None:
 
 @pytest.mark.slow
 def test_what_was_found_survives_its_way_through_json() -> None:
-    session = with_reading(lambda q: q + 0.01)
-    found = kinematics(session)
+    session, found = with_offset(-0.03)
     findings, corrections = found.findings, found.corrections
     steps = [step_to_json(s) for f in findings for s in f.steps]
     again = corrections_from_json(session.machine, steps)

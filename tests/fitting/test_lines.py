@@ -17,8 +17,9 @@ from fitting.loop.session import Session
 from fitting.residual.levelling import Part, residual_parts
 from fitting.residual.lines import Line, RefutedLine, find_lines, line_phases
 from fitting.residual.terms import Term, fit_model
-from sim_backends import folding_arm
-from sim_backends.plant.cases import simulate_case
+from sim_backends import EffectSpec, folding_arm
+from sim_backends.machines import ArmKind
+from sim_backends.plant.cases import plan_case
 from sim_backends.undeclared import UNDECLARED
 
 RATE, SAMPLES = 50.0, 2900
@@ -279,13 +280,14 @@ def test_a_line_is_a_pumps_ripple_only_where_oil_acts_on_the_joint() -> None:
 
 
 def simulated(
-    arm: str,
+    arm: ArmKind,
     seed: int,
     undeclared: list[tuple[str, str | None, float]],
     frequency: float | None = None,
     seconds: float = 60.0,
 ) -> list[tuple[tuple[Line, ...], tuple[RefutedLine, ...]]]:
     """Lines in the base model's residual on a simulated arm."""
+    plan = plan_case(arm, seed, seconds)
     with pytest.MonkeyPatch.context() as patch:
         if frequency is not None:
 
@@ -293,26 +295,26 @@ def simulated(
                 vars(self).update(frequency=frequency, phase=rng.uniform(0, 2 * np.pi))
 
             patch.setattr(UNDECLARED["supply_ripple"], "prepare", prepare)
-        case = simulate_case(arm, seed, undeclared, seconds=seconds)  # type: ignore[arg-type]
+        tables = {stem: plan.record(stem, [EffectSpec(*own) for own in undeclared])[0] for stem in ROLES}
     recordings = [
         Recording(
-            case.machine.name, role, stem, stem, case.machine.rate_hz, np.asarray(case.recordings[stem]["time"]),
-            {k: np.asarray(v) for k, v in case.recordings[stem].items() if k != "time"},
+            plan.machine.name, ROLES[stem], stem, stem, plan.machine.rate_hz, np.asarray(table["time"]),
+            {k: np.asarray(v) for k, v in table.items() if k != "time"},
         )
-        for stem, role in ROLES.items()
+        for stem, table in tables.items()
     ]  # fmt: skip
-    session = Session(case.machine, recordings)
+    session = Session(plan.machine, recordings)
     plain, theta = session.plain, session.base_model.fit.theta
-    count = len(case.machine.joints)
+    count = len(plan.machine.joints)
     parts = [residual_parts(plain.design, theta, j, plain.fitted, plain.pairs) for j in range(count)]
-    return [find_lines(j, own, case.machine.rate_hz, joints=count) for j, own in enumerate(parts)]
+    return [find_lines(j, own, plan.machine.rate_hz, joints=count) for j, own in enumerate(parts)]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("arm", "frequency"), [("folding", 1.4), ("slewing", 7.1), ("folding", 18.3), ("slewing", 62.0)]
 )
-def test_a_ripple_of_a_simulated_arm_is_found_on_its_joint(arm: str, frequency: float) -> None:
+def test_a_ripple_of_a_simulated_arm_is_found_on_its_joint(arm: ArmKind, frequency: float) -> None:
     found = simulated(arm, 3, [("supply_ripple", "joint2", 3000.0)], frequency, seconds=30.0)
     (line,) = found[1][0]
     folded = abs(frequency - RATE * round(frequency / RATE))
