@@ -86,15 +86,16 @@ def test_warmth_takes_stroke_from_a_coil_and_gives_flow_to_the_oil() -> None:
     assert cold / warm == pytest.approx(0.8, rel=5e-3)  # the edges' laminar beginning differs a little
 
 
-def sinking(truth: ValvePlantTruth) -> tuple[float, float, float]:
-    """A load of 400 kg on a closed valve for 4 s: mean speed, and how the pressures of head and rod changed."""
-    plant = ValvePlant([(sled_machine(upright=True), with_cylinder(truth, f_v=5000.0))])
+def sinking(*truths: ValvePlantTruth) -> list[tuple[float, float, float]]:
+    """Loads of 400 kg on closed valves for 4 s: mean speed, and how the pressures of head and rod changed, of each."""
+    plant = ValvePlant([(sled_machine(upright=True), with_cylinder(truth, f_v=5000.0)) for truth in truths])
     plant.place(0.4)
-    before = plant.state.pressure[:, 0, 0]
+    before = plant.state.pressure[:, 0]
     for _ in range(4000):
         plant.step(0.0)
-    changed = plant.state.pressure[:, 0, 0] - before
-    return float(plant.state.x[0, 0] - 0.4) / 4.0, float(changed[0]), float(changed[1])
+    changed = plant.state.pressure[:, 0] - before
+    speeds = (plant.state.x[0] - 0.4) / 4.0
+    return list(zip(speeds.tolist(), *changed.tolist(), strict=True))
 
 
 @pytest.mark.slow
@@ -102,18 +103,24 @@ def test_a_rest_tells_a_leak_past_the_piston_from_one_at_a_port() -> None:
     heavy = sled_truth(mass=400.0)
     tank = heavy.supply.tank
     held = (400.0 * 9.81 + tank * ROD) / HEAD  # Pa in the head chamber once the rod's is at tank
-    assert abs(sinking(heavy)[0]) < 1e-6
+    tight, seal, head_port, rod_port = sinking(
+        heavy,
+        with_one("piston_leak", "seal", 0.02, heavy),
+        with_one("port_leak", "head_port", 0.02, heavy),
+        with_one("port_leak", "rod_port", 0.05, heavy),
+    )
+    assert abs(tight[0]) < 1e-6
     # Past the piston: the rod chamber takes less than the head gives, so the oil of both is squeezed.
-    speed, head, rod = sinking(with_one("piston_leak", "seal", 0.02, heavy))
+    speed, head, rod = seal
     assert head > 1e5 < rod
     assert speed < 0.0
     # From the head port to tank: v = leak / A1 at the pressure of the load; rod falls to tank, where oil is made up.
     leak = 0.02 * FLOW / 1e7
-    speed, _, rod = sinking(with_one("port_leak", "head_port", 0.02, heavy))
+    speed, _, rod = head_port
     assert speed == pytest.approx(-leak * (held - tank) / HEAD, rel=0.1)
     assert rod < -4e5
     # From the rod port: the rod chamber empties, the load does not sink by more than the oil relaxes.
-    speed, _, rod = sinking(with_one("port_leak", "rod_port", 0.05, heavy))
+    speed, _, rod = rod_port
     assert rod < -1e5
     assert abs(speed) < 1e-4
 
