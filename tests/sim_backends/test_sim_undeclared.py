@@ -80,6 +80,13 @@ def unpinned():
     return machine, truth, motion, tables(machine, truth, motion, ())
 
 
+@pytest.fixture(scope="module")
+def noisy():
+    machine, truth = slewing_arm(4)
+    motion = random_motion(machine, np.random.default_rng(2), 4.0)
+    return machine, truth, motion, tables(machine, truth, motion, (), SensorQuality())
+
+
 def tables(machine, truth, motion, undeclared, quality=QUIET):
     return record(
         machine, truth, motion, undeclared=undeclared, quality=quality,
@@ -137,12 +144,9 @@ def test_unloaded(effect, unpinned):
 
 
 @pytest.mark.parametrize("effect", sorted(SIZES))
-def test_size_zero_is_no_effect_at_all(effect):
-    machine, truth = slewing_arm(4)
-    motion = random_motion(machine, np.random.default_rng(2), 4.0)
-    noisy = SensorQuality()
-    plain = tables(machine, truth, motion, (), noisy)
-    table = tables(machine, truth, motion, [spec(effect, 0.0)], noisy)
+def test_size_zero_is_no_effect_at_all(effect, noisy):
+    machine, truth, motion, plain = noisy
+    table = tables(machine, truth, motion, [spec(effect, 0.0)], SensorQuality())
     for name in plain:
         np.testing.assert_allclose(table[name], plain[name], rtol=1e-9, atol=1e-12)
 
