@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
@@ -54,9 +55,15 @@ def test_friction_from_some_position_on_is_friction_that_depends_on_the_position
     assert [item.score.term.family for item in found.accepted] == [("position_dependent_friction", 1)]
 
 
+@cache
+def worn_session() -> Session:
+    """A bore that is worn where the piston works most."""
+    return session_with(lambda motion: -250.0 * np.exp(-(((place(motion) - 0.5) / 0.4) ** 2)) * np.sign(motion.v[:, 1]))
+
+
 def test_a_bore_that_is_worn_where_the_piston_works_most_has_friction_that_depends_on_the_position() -> None:
     """Flat in the middle and steep on both sides, in full sight of the noise: a cubic leaves a fifth of it."""
-    found = found_with(lambda motion: -250.0 * np.exp(-(((place(motion) - 0.5) / 0.4) ** 2)) * np.sign(motion.v[:, 1]))
+    found = run_attribution(worn_session(), Corrections(worn_session().machine))
     (item,) = found.accepted
     assert item.score.term.family == ("position_dependent_friction", 1)
     assert item.probability > 0.9
@@ -78,9 +85,7 @@ def test_a_name_that_fails_closes_those_that_are_not_more_probable_than_what_is_
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Another motion takes as much off its odds as its rows are less probable with it; a law is open in any case."""
-    session = session_with(
-        lambda motion: -250.0 * np.exp(-(((place(motion) - 0.5) / 0.4) ** 2)) * np.sign(motion.v[:, 1])
-    )
+    session = worn_session()
     signals = SessionSignals(session, Corrections(session.machine))
     base = signals.refit(())
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -45,10 +46,16 @@ def product(segment: object) -> np.ndarray:
     return np.asarray(TWIST * (q[:, 1] - MIDDLE) * (q[:, 2] - MIDDLE) * np.sign(v[:, 0]))
 
 
+@cache
+def twisted() -> Session:
+    """Recordings with the product, shared by tests that only read them."""
+    return session_with(product)
+
+
 @pytest.fixture(scope="module")
 def found() -> Attribution:
     """What the loop says of the product."""
-    session = session_with(product)
+    session = twisted()
     return run_attribution(session, Corrections(session.machine))
 
 
@@ -146,8 +153,9 @@ def test_it_is_stored_and_read_back() -> None:
 
 @pytest.mark.slow
 def test_oil_and_hoses_of_neighbours_act_with_the_arm_off_and_their_poses_do_not() -> None:
-    through = {law.loaded_only: set[str]() for law in surfaces(session_with(product).base_model, 0)}
-    for law in surfaces(session_with(product).base_model, 0):
+    laws = list(surfaces(twisted().base_model, 0))
+    through = {law.loaded_only: set[str]() for law in laws}
+    for law in laws:
         through[law.loaded_only] |= {f"{name}{'' if other is None else ' of another'}" for name, other in law.signals}
     assert "piston_speed of another" in through[False] and "joint_position of another" not in through[False]
 
@@ -171,7 +179,7 @@ def test_a_bend_along_a_sum_of_signals_takes_a_higher_degree() -> None:
 
 @pytest.mark.slow
 def test_all_pairs_are_asked_once_and_the_better_known_signal_comes_first() -> None:
-    session = session_with(product)
+    session = twisted()
     laws = list(surfaces(session.base_model, 0))
     names = [(law.signals, law.signed) for law in laws]
     assert len(set(names)) == len(names)
