@@ -32,7 +32,7 @@ from benchmarks.service.start import children
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1500)]
 MACHINE = "folding-arm"
 #: Machine time of each motion, s.
-SECONDS = 12.0
+SECONDS = 9.0
 #: The loop is tested elsewhere; without it the fits are short.
 OPTIONS = {"loop": False, "bootstrap": 0}
 
