@@ -17,7 +17,7 @@ from valve_bench import RATE, STROKE, TANK, Bench, machine_of, written
 
 from daq import InputError, Machine, Recording, read_recording
 from fitting.regression.freedom import freedom_of, moved_without
-from fitting.residual.confirmation.local import Local, elsewhere
+from fitting.residual.confirmation.local import Local, beside, elsewhere
 from fitting.selection.evidence import with_curve
 from fitting.signals.filters import PARTS, delayed, filter_bank, followed
 from fitting.signals.splines import DEGREE, evaluate, free_curve, spline_knots
@@ -491,6 +491,15 @@ def test_the_density_of_what_is_left_out_is_that_of_a_gaussian() -> None:
         e = r[fold] - J[fold] @ np.linalg.solve(known, J[~fold].T @ r[~fold] / variance)
         assert square / variance == pytest.approx(float(e @ np.linalg.solve(spread, e)), rel=1e-6)
         assert open_one == pytest.approx(float(np.linalg.slogdet(spread / variance)[1]), rel=1e-6)
+
+
+def test_one_block_shows_nothing_of_what_others_would_say() -> None:
+    model, _ = local_of(9)
+    worse = replace(model, residual=2.0 * model.residual)
+    rows, thirds = [np.ones(60, dtype=bool)], [np.arange(60) // 20 == k for k in range(3)]
+    held, after, before = beside(worse, model, thirds, rows)
+    assert (held.gain, held.z, held.blocks) == (0.0, 0.0, 1)
+    assert before == pytest.approx(4.0 * after, rel=0.2)
 
 
 def test_another_motion_weighs_models_by_the_density_of_its_rows() -> None:

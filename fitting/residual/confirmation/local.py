@@ -68,10 +68,12 @@ def beside(
 ) -> tuple[HeldOut, float, float]:
     """Compare a model with a simpler one on held-out parts, with its sum of squares and the simpler one's.
 
-    The gain is that of ``folds``; whether it hangs on a single part is asked of ``blocks``.
+    The gain is that of ``folds``; whether it hangs on a single part is asked of ``blocks``: a single one shows nothing.
     """
     gain, _, after_squares, before_squares = _gain(before, after, folds)
     other, parts, *_ = _gain(before, after, blocks)
+    if len(parts) < 2:
+        return HeldOut(0.0, 0.0, len(parts), 0.0), after_squares, before_squares
     spread = float(np.std(parts, ddof=1) * np.sqrt(len(parts)))
     alike = other - float(parts.max())
     return HeldOut(gain, gain / max(spread, 1e-12), len(parts), alike), after_squares, before_squares
