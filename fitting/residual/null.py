@@ -30,7 +30,7 @@ PositionStd = Mapping[str, float]
 
 BLOCK_SECONDS = 3.0
 _FADE_SECONDS = 0.3
-#: Inflation that is usual, and how many draws that knowledge is worth: 18 replicas of 350 candidates of seven cases
+#: Inflation that is usual, and how many draws that knowledge is worth: 18 replicas of 450 candidates of nine cases
 #: scatter 1.2 times as in theory, their logarithms by 0.28 more than 18 draws do (`benchmarks/results/evidence.md`).
 USUAL_INFLATION, PRIOR_DRAWS = 1.2, 25
 #: Share of the bias in replicas that is expected of a machine: on 40 simulated arms without any effect it is
