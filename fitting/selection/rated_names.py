@@ -103,7 +103,7 @@ class RatedNames:
                     into = np.concatenate([where[n][first], *curves])
                     gram, products = share * S[np.ix_(into, into)], share * g[into]
                     found.append(self._with_curves(scores[n], first, gram, products, [len(p) for p in curves]))
-                if is_series(scores[n].term):
+                if is_series(scores[n].term) and not _bounded(scores[n].term):
                     found = [float(log_mean(found)), self._smooth(own_laws[n], scores)]
                 result[n] = max(float(log_mean(found)), exact[n]) if np.isfinite(found).any() else exact[n]
         return result
@@ -238,6 +238,12 @@ class RatedNames:
 def is_series(term: Term) -> bool:
     """Return whether a term is a short series of one joint for any smooth law of its signal."""
     return isinstance(term.content, Effect) and term.content.series and not term.everywhere
+
+
+def _bounded(term: Term) -> bool:
+    """Return whether an effect has bounds, of which a curve knows none: what is beyond them is a law's."""
+    assert isinstance(term.content, Effect)
+    return bool(np.isfinite(limits(term.content)).any())
 
 
 def is_curve(term: Term) -> bool:

@@ -81,6 +81,17 @@ def test_hoses_that_rest_beyond_the_motion_are_hoses() -> None:
     assert item.probability is not None and item.probability > 0.5
 
 
+def test_what_pushes_farther_the_farther_it_is_bent_is_a_law_for_certain() -> None:
+    """A smooth law of the position, with the sign that no spring has: a curve does not make a name of it."""
+
+    def push(motion: Motion) -> np.ndarray:
+        return np.asarray(-15.0 * (motion.q[:, 1] - motion.q[:, 1].mean()) / motion.r[:, 1])
+
+    found = found_with(push, only_loaded=True)
+    assert found.verdict == "unexplained"
+    assert not [h for h in found.hypotheses if h.probability > 0.05 and any(t.id != "law" for t in h.terms)]
+
+
 def test_a_name_that_fails_closes_those_that_are_not_more_probable_than_what_is_left_of_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
