@@ -33,6 +33,8 @@ _FADE_SECONDS = 0.3
 #: Inflation that is usual, and how many draws that knowledge is worth: 18 replicas of 450 candidates of nine cases
 #: scatter 1.2 times as in theory, their logarithms by 0.28 more than 18 draws do (`benchmarks/results/evidence.md`).
 USUAL_INFLATION, PRIOR_DRAWS = 1.2, 25
+#: Chance of another one, of any size up to the largest.
+UNUSUAL, _MOST = 0.05, 100.0
 #: Share of the bias in replicas that is expected of a machine: on 40 simulated arms without any effect it is
 #: 0.5 +- 0.1 (`benchmarks/results/evidence.md`), and not more than all of it in any of 188 estimates.
 BIAS_SHARE = 0.5
@@ -80,9 +82,7 @@ class Null:
     def inflation(self) -> float:
         """Variance of the values over the theory's, at least 1; joined with what is usual."""
         spread = self._determined(self.values - self.values.mean(axis=0))
-        total = float(np.einsum("bi,ij,bj->", spread, self.information, spread))
-        freedom = (self.draws - 1 + PRIOR_DRAWS) * self.live
-        return max(1.0, (total + PRIOR_DRAWS * USUAL_INFLATION * self.live) / freedom)
+        return self._joined(float(np.einsum("bi,ij,bj->", spread, self.information, spread)), self.live)
 
     def inflation_along(self, values: FloatArray) -> float:
         """Compute the inflation of noise along values (k,): noise that hangs together is not alike in every way.
@@ -94,8 +94,19 @@ class Null:
         if not length > 0:
             return self.inflation
         spread = self._determined(self.values - self.values.mean(axis=0))
-        total = float(np.sum((spread @ (self.information @ direction / np.sqrt(length))) ** 2))
-        return max(1.0, (total + PRIOR_DRAWS * USUAL_INFLATION) / (self.draws - 1 + PRIOR_DRAWS))
+        return self._joined(float(np.sum((spread @ (self.information @ direction / np.sqrt(length))) ** 2)), 1)
+
+    def _joined(self, total: float, live: int) -> float:
+        """Join a sum of squares of draws in so many directions with what is usual, or unusual: the mean of the share
+        of a gain, ``1 / inflation``."""
+        freedom, prior = max(self.draws - 1, 0) * live, PRIOR_DRAWS * live
+        usual = (total + prior * USUAL_INFLATION) / (freedom + prior)
+        if not total > freedom * usual:
+            return max(1.0, usual)
+        seen, variance = total / freedom, 2.0 / freedom + 2.0 / PRIOR_DRAWS
+        right = np.exp(-0.5 * np.log(seen / USUAL_INFLATION) ** 2 / variance) / np.sqrt(2.0 * np.pi * variance)
+        right /= right + UNUSUAL / (1.0 - UNUSUAL) / np.log(_MOST)
+        return max(1.0, float(1.0 / (right / usual + (1.0 - right) / seen)))
 
     def _determined(self, values: FloatArray) -> FloatArray:
         """Return rows of values in well-determined directions only: the others differ between replicas."""

@@ -237,10 +237,13 @@ class Ratings:
         rated = self._rating.rated(scores, surfaces)
         number = {score.term.label: n for n, score in scores.items()}  # of a surface no replicas are drawn
         # What was drawn may lose by it, and others contend then: they are drawn as well.
-        open_ = number.keys() if self.draws.wanted else set[Family]()
-        while chosen := [r for r in _contending(rated) if r.term.label in open_ - drawn]:
+        while chosen := [
+            r
+            for r in _contending(rated)
+            if r.term.label in number and (r.term.label not in drawn or self.draws.open(r))
+        ]:
             drawn |= {r.term.label for r in chosen}
-            for score in self.draws.unbiased(model, [r.score for r in chosen]):
+            for score in self.draws.unbiased(model, chosen):
                 scores[number[score.term.label]] = score
             rated = self._rating.rated(scores, surfaces)
         return rated

@@ -13,16 +13,16 @@ from fitting.residual.confirmation.robustness import Leftover
 from fitting.residual.laws import Law
 from fitting.residual.null import Null
 from fitting.residual.scoring import Candidates, Score
-from fitting.residual.terms import Model
+from fitting.residual.terms import Model, Term
 from fitting.selection import priors
 from fitting.selection.confirm import Signals
-from fitting.selection.evidence import DEAD, least_gain
+from fitting.selection.decision import Rated
+from fitting.selection.evidence import DEAD
 
 #: Gain beyond which no noise in regressors makes it: 17 standard deviations.
 BEYOND_BIAS = 300.0
-#: Replicas that are drawn before the decision is looked at again, and how far the gain may be from the least that is
-#: reported if more are to change it.
-LEAST_DRAWS, OPEN = 3, (-10.0, 25.0)
+#: Replicas that are drawn at first, and log odds below which all are: more would not change the decision.
+LEAST_DRAWS, OPEN = 3, 12.5
 
 
 class Draws:
@@ -37,29 +37,26 @@ class Draws:
     def __init__(self, signals: Signals, most: int) -> None:
         self._signals, self._most = signals, most
         self._nulls: dict[tuple[object, ...], Null] = {}
+        self._drawn: dict[tuple[object, ...], int] = {}
 
-    @property
-    def wanted(self) -> bool:
-        """True where any replicas may be drawn."""
-        return self._most > 0
+    def open(self, rated: Rated) -> bool:
+        """Return whether more replicas of an explanation are wanted: a few at first, then all if they may decide."""
+        drawn = self._drawn.get(rated.term.label, 0)
+        return drawn < self._most and (drawn == 0 or rated.log_odds < OPEN)
 
-    def unbiased(self, model: Model, scores: Sequence[Score]) -> list[Score]:
-        """Take the bias of noisy regressors off the scores."""
-        fresh = [s for s in scores if s.term.label not in self._nulls]
-        drawn = 0
-        while fresh and drawn < self._most:
-            draws = min(LEAST_DRAWS, self._most - drawn)
-            more = self._signals.nulls(model, [s.term for s in fresh], draws, drawn)
-            for score, null in zip(fresh, more, strict=True):
-                known = self._nulls.get(score.term.label)
+    def unbiased(self, model: Model, rated: Sequence[Rated]) -> list[Score]:
+        """Take the bias of noisy regressors off the scores of explanations; more replicas are drawn of open ones."""
+        wanted: dict[int, list[Term]] = {}
+        for r in filter(self.open, rated):
+            wanted.setdefault(self._drawn.get(r.term.label, 0), []).append(r.term)
+        for first, terms in wanted.items():
+            draws = self._most - first if first else min(LEAST_DRAWS, self._most)
+            for term, null in zip(terms, self._signals.nulls(model, terms, draws, first), strict=True):
+                self._drawn[term.label] = first + draws
                 if null is not None:
-                    self._nulls[score.term.label] = null if known is None else known.joined(null)
-            drawn += draws
-            known_now = [own for own in map(self._against, scores) if own.plausible]
-            best = max((own.gain * own.trusted - least_gain(own.live, own.grid) for own in known_now), default=-np.inf)
-            if not OPEN[0] < best < OPEN[1]:
-                break  # more draws would not change the decision
-        return [self._against(s) for s in scores]
+                    known = self._nulls.get(term.label)
+                    self._nulls[term.label] = null if known is None else known.joined(null)
+        return [self._against(r.score) for r in rated]
 
     def _against(self, score: Score) -> Score:
         null = self._nulls.get(score.term.label)
@@ -137,9 +134,14 @@ class Trust:
         for at, own in enumerate(groups[1:], start=1):
             above = common[: min(at, len(known)), at]
             most = int(np.argmax(above))
-            head, share = numbers[most], float(above[most])
-            trust = scores[head].gain * self._shares[head] / _biased_gain(scores[head])
-            self._shares |= {n: share * trust + (1.0 - share) * self._shares[n] for n in own}
+            trust, share = self._counted(numbers[most], scores), float(above[most])
+            for n in own:
+                counted = share * trust + (1.0 - share) * self._counted(n, scores)
+                self._shares[n] = counted * _fitted_gain(scores[n]) / max(scores[n].gain, 1e-300)
+
+    def _counted(self, number: int, scores: Mapping[int, Score]) -> float:
+        """Compute the share that counts of what a candidate takes as it was fitted."""
+        return self._shares[number] * scores[number].gain / _fitted_gain(scores[number])
 
     def _common(self, names: Sequence[int], others: Sequence[int], scores: Mapping[int, Score]) -> FloatArray:
         """Compute the share of each other's gain that it does not take beside a name (N, L), by what both contribute.
@@ -169,8 +171,7 @@ def _places(numbers: Sequence[int], scores: Mapping[int, Score]) -> dict[int | N
 def _fitted(numbers: Sequence[int], scores: Mapping[int, Score]) -> tuple[FloatArray, FloatArray]:
     """Return candidates' fitted values (P, N), of unit contribution each, and the roots (N,) of what they take."""
     own = [scores[n] for n in numbers]
-    taken = [max(float(score.fitted @ score.information @ score.fitted), DEAD * score.gain) for score in own]
-    sizes = np.sqrt(taken)
+    sizes = np.sqrt([_fitted_gain(score) for score in own])
     return block_diag(*((score.fitted / size)[:, None] for score, size in zip(own, sizes, strict=True))), sizes
 
 
@@ -182,8 +183,6 @@ def _shares(numbers: Sequence[int], scores: Mapping[int, Score]) -> dict[int, fl
     return {n: drawn.get(n, usual) for n in numbers}
 
 
-def _biased_gain(score: Score) -> float:
-    """Return the gain before the replicas' bias was taken off, or as it is where none was."""
-    if score.null is None:
-        return score.gain
-    return max(score.gain, float(score.fitted @ score.information @ score.fitted))
+def _fitted_gain(score: Score) -> float:
+    """Return the chi-square of the values as they were fitted: with the bias that replicas show."""
+    return max(float(score.fitted @ score.information @ score.fitted), DEAD * score.gain, 1e-300)

@@ -46,11 +46,16 @@ def test_a_bias_that_draws_agree_on_is_taken_off_and_scatter_is_not() -> None:
 
 
 def test_inflation_is_that_of_the_draws_joined_with_what_is_usual() -> None:
-    values = np.array([[3.0], [-3.0], [3.0], [-3.0]])
-    null = Null(values, np.array([[1.0]]), 1)
-    assert null.inflation == pytest.approx((36.0 + PRIOR_DRAWS * USUAL_INFLATION) / (3 + PRIOR_DRAWS))
-    assert Null(0.1 * values[:2].repeat(50, axis=0), np.array([[1.0]]), 1).inflation == 1.0
-    assert null.joined(null).draws == 8
+    def scattered(variance: float, draws: int) -> float:
+        values = np.resize([1.0, -1.0], draws) * np.sqrt(variance * (draws - 1) / draws)
+        return Null(values[:, None], np.array([[1.0]]), 1).inflation
+
+    assert scattered(2.0, 4) == pytest.approx((6.0 + PRIOR_DRAWS * USUAL_INFLATION) / (3 + PRIOR_DRAWS), rel=0.05)
+    assert scattered(0.01, 100) == 1.0
+    assert scattered(4.0, 4) < 1.7 and scattered(4.0, 1000) == pytest.approx(4.0, rel=0.01)
+    assert scattered(15.0, 18) == pytest.approx(15.0, rel=0.01)  # nothing usual makes so much
+    null = Null(np.array([[3.0], [-3.0]]), np.array([[1.0]]), 1)
+    assert null.joined(null).draws == 4
 
 
 def test_noise_along_what_was_found_is_that_of_a_single_parameter_in_any_number_of_columns() -> None:

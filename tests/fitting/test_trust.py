@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +13,9 @@ from fitting.effects import effect
 from fitting.loop.refits import SessionSignals
 from fitting.residual.null import Null
 from fitting.residual.scoring import Candidates, Score, white_columns
-from fitting.residual.terms import Term
-from fitting.selection.trust import Trust
+from fitting.residual.terms import Model, Term
+from fitting.selection.decision import Rated
+from fitting.selection.trust import OPEN, Draws, Trust
 from fitting.signals.corrections import Corrections
 
 pytestmark = pytest.mark.slow
@@ -88,3 +90,21 @@ def test_of_two_what_both_take_counts_alike_and_the_rest_by_its_own_replicas() -
     trust.weigh([[0], [1]], [], scores)
     assert trust.of(0) < 0.5
     assert 200.0 * trust.of(1) == pytest.approx((200.0 - beside) * trust.of(0) + beside, rel=1e-3)
+
+
+@pytest.mark.parametrize(("odds", "expected"), [(OPEN + 1.0, [(3, 0)]), (OPEN - 1.0, [(3, 0), (15, 3)])])
+def test_all_replicas_are_drawn_of_what_they_may_still_decide(odds: float, expected: list[tuple[int, int]]) -> None:
+    trust, scores = trust_and_scores(Term(effect("velocity_root_friction"), 1, {"n": 0.5}))
+    asked = []
+
+    class Replicas(SessionSignals):
+        def nulls(self, model: Model, terms: Sequence[Term], draws: int, first: int = 0) -> list[Null | None]:
+            asked.append((draws, first))
+            return [drawn(scores[0]).null for _ in terms]
+
+    session = clean_session(2)
+    draws = Draws(Replicas(session, Corrections(session.machine)), 18)
+    rated = Rated(scores[0], odds, odds, odds, 0.0)
+    while draws.open(rated):
+        (score,) = draws.unbiased(trust.model, [rated])
+    assert asked == expected and score.null is not None
