@@ -79,13 +79,20 @@ class Score:
         """
         if not isinstance(self.term.content, Effect):
             return replace(self, null=null)
-        free = np.asarray(self.free or self.values) - BIAS_SHARE * null.bias
+        moved, gain = self._moved(BIAS_SHARE * null.bias)
+        if gain > FAR_BEYOND**2 * float(null.bias @ self.information @ null.bias):
+            taken, (moved, gain) = 0.0, self._moved(0.0)  # no bias makes this: candidates are compared as they are
+        else:
+            taken = BIAS_SHARE
+        return replace(self, null=null, taken=taken, gain=gain, values=tuple(moved.tolist()))
+
+    def _moved(self, off: FloatArray | float) -> tuple[FloatArray, float]:
+        """Compute an effect's values (k,) inside its bounds with this taken off the free ones, and what they gain."""
+        assert isinstance(self.term.content, Effect)
+        free = np.asarray(self.free or self.values) - off
         held = inside(limits(self.term.content), self.information, self.information @ free, free)
         moved = free if held is None else held.values
-        gain = float(moved @ self.information @ moved)
-        if gain > FAR_BEYOND**2 * float(null.bias @ self.information @ null.bias):
-            return replace(self, null=null)  # no bias makes this: candidates are compared as they are
-        return replace(self, null=null, taken=BIAS_SHARE, gain=gain, values=tuple(moved.tolist()))
+        return moved, float(moved @ self.information @ moved)
 
     @property
     def plausible(self) -> bool:

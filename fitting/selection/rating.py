@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -182,11 +182,10 @@ def _against_leftovers(rated: Sequence[Rated]) -> list[Rated]:
 
 @dataclass(frozen=True)
 class _Scored:
-    """Scores of all candidates beside a model by their number, and the labels of those whose nulls were drawn."""
+    """Scores of all candidates beside a model by their number."""
 
     model: Model
     scores: dict[int, Score]
-    drawn: set[Family] = field(default_factory=set)
 
 
 class Ratings:
@@ -231,18 +230,13 @@ class Ratings:
         """
         if self._scored.model is not model:
             self._scored = self._scores_beside(model)
-        scores, drawn = self._scored.scores, self._scored.drawn
+        scores = self._scored.scores
         self._rating = Rating(self._candidates, model, visible, settled=settled)
         surfaces = score_terms(model, [s.term for s in surfaces], [s.grid for s in surfaces])
         rated = self._rating.rated(scores, surfaces)
         number = {score.term.label: n for n, score in scores.items()}  # of a surface no replicas are drawn
         # What was drawn may lose by it, and others contend then: they are drawn as well.
-        while chosen := [
-            r
-            for r in _contending(rated)
-            if r.term.label in number and (r.term.label not in drawn or self.draws.open(r))
-        ]:
-            drawn |= {r.term.label for r in chosen}
+        while chosen := [r for r in _contending(rated) if r.term.label in number and self.draws.open(r)]:
             for score in self.draws.unbiased(model, chosen):
                 scores[number[score.term.label]] = score
             rated = self._rating.rated(scores, surfaces)

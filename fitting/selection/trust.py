@@ -21,7 +21,7 @@ from fitting.selection.evidence import DEAD
 
 #: Gain beyond which no noise in regressors makes it: 17 standard deviations.
 BEYOND_BIAS = 300.0
-#: Replicas that are drawn at first, and log odds below which all are: more would not change the decision.
+#: Replicas that are drawn at first, and log odds from which on more would not change the decision.
 LEAST_DRAWS, OPEN = 3, 12.5
 
 
@@ -40,14 +40,18 @@ class Draws:
         self._drawn: dict[tuple[object, ...], int] = {}
 
     def open(self, rated: Rated) -> bool:
-        """Return whether more replicas of an explanation are wanted: a few at first, then all if they may decide."""
+        """Return whether replicas may still change an explanation's score: known ones are not taken off it, or more
+        are wanted, a few at first, then all if they may decide."""
+        return self._wanted(rated) or (rated.score.null is None and rated.term.label in self._nulls)
+
+    def _wanted(self, rated: Rated) -> bool:
         drawn = self._drawn.get(rated.term.label, 0)
         return drawn < self._most and (drawn == 0 or rated.log_odds < OPEN)
 
     def unbiased(self, model: Model, rated: Sequence[Rated]) -> list[Score]:
-        """Take the bias of noisy regressors off the scores of explanations; more replicas are drawn of open ones."""
+        """Take the bias of noisy regressors off explanations' scores, with more replicas where they are wanted."""
         wanted: dict[int, list[Term]] = {}
-        for r in filter(self.open, rated):
+        for r in filter(self._wanted, rated):
             wanted.setdefault(self._drawn.get(r.term.label, 0), []).append(r.term)
         for first, terms in wanted.items():
             draws = self._most - first if first else min(LEAST_DRAWS, self._most)
@@ -131,17 +135,15 @@ class Trust:
         groups = [*known, *others]
         numbers = [own[0] for own in groups]
         common = self._common(numbers[: len(known)], numbers, scores)
+        # Of what each takes as it was fitted, the part that counts.
+        taken = {n: _fitted_gain(scores[n]) for own in groups for n in own}
+        counted = {n: self._shares[n] * scores[n].gain / whole for n, whole in taken.items()}
         for at, own in enumerate(groups[1:], start=1):
             above = common[: min(at, len(known)), at]
             most = int(np.argmax(above))
-            trust, share = self._counted(numbers[most], scores), float(above[most])
-            for n in own:
-                counted = share * trust + (1.0 - share) * self._counted(n, scores)
-                self._shares[n] = counted * _fitted_gain(scores[n]) / max(scores[n].gain, 1e-300)
-
-    def _counted(self, number: int, scores: Mapping[int, Score]) -> float:
-        """Compute the share that counts of what a candidate takes as it was fitted."""
-        return self._shares[number] * scores[number].gain / _fitted_gain(scores[number])
+            trust, share = counted[numbers[most]], float(above[most])
+            counted |= {n: share * trust + (1.0 - share) * counted[n] for n in own}
+        self._shares |= {n: counted[n] * whole / max(scores[n].gain, 1e-300) for n, whole in taken.items()}
 
     def _common(self, names: Sequence[int], others: Sequence[int], scores: Mapping[int, Score]) -> FloatArray:
         """Compute the share of each other's gain that it does not take beside a name (N, L), by what both contribute.

@@ -84,6 +84,11 @@ def test_a_score_against_its_null_has_the_bias_taken_off() -> None:
     assert unbiased.values[0] == pytest.approx(score.values[0] - BIAS_SHARE * null.bias[0])
     assert unbiased.fitted[0] == pytest.approx(score.values[0])
     assert unbiased.gain == pytest.approx((unbiased.values[0] / score.stds[0]) ** 2, rel=1e-6)
+    # More replicas replace what the first ones took off, also where they show less than would be taken off.
+    for more in (null, Null(np.zeros((18, 1)), score.information, 1)):
+        once, twice = score.against(more), unbiased.against(more)
+        assert twice.taken == once.taken and twice.gain == pytest.approx(once.gain)
+        assert twice.fitted == pytest.approx(score.values)
 
 
 @pytest.mark.slow

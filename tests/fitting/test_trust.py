@@ -106,5 +106,10 @@ def test_all_replicas_are_drawn_of_what_they_may_still_decide(odds: float, expec
     draws = Draws(Replicas(session, Corrections(session.machine)), 18)
     rated = Rated(scores[0], odds, odds, odds, 0.0)
     while draws.open(rated):
-        (score,) = draws.unbiased(trust.model, [rated])
-    assert asked == expected and score.null is not None
+        rated = replace(rated, score=draws.unbiased(trust.model, [rated])[0])
+    assert asked == expected and rated.score.null is not None
+    again = replace(
+        rated, score=scores[0]
+    )  # beside another model: what is known of its noise is taken off, no more drawn
+    assert draws.open(again)
+    assert draws.unbiased(trust.model, [again])[0].gain == pytest.approx(rated.score.gain) and asked == expected
