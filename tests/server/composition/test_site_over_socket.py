@@ -133,14 +133,14 @@ def nearly_all_fresh(channel: str, counts: Mapping[str, int]) -> None:
 
 
 def acquired_all_along(who: Client) -> None:
-    """No cycle was skipped since acquisition began, and nearly no value is old."""
+    """Nearly no cycle was skipped since acquisition began, and nearly no value is old."""
 
     def counted() -> Any:
         found = who.get("/status")["acquisition"][MACHINE].get("counts", {"cycles": 0})
         return found["cycles"] >= 100 and found
 
     counts = wait_until("a hundred cycles are counted", counted)
-    assert counts["skipped"] == 0
+    assert counts["skipped"] <= 0.01 * counts["cycles"]
     for channel, of_channel in counts["quality"].items():
         nearly_all_fresh(channel, of_channel)
 
@@ -197,7 +197,7 @@ def record(site: SiteOfTest, role: str, excitation: str) -> str:
     row = wait_until(f"{id} is sealed", lambda: (r := who.get(f"/recordings/{id}"))["state"] != "recording" and r)
     assert row["state"] == "sealed", row
     statistics = row["statistics"]
-    assert statistics["missed_cycles"] == 0
+    assert statistics["missed_cycles"] <= 0.01 * statistics["rows"]
     assert statistics["rows"] == round((motion["seconds"] - 2.0) * 50)
     for channel, others in statistics["quality"].items():
         nearly_all_fresh(channel, {"fresh": statistics["rows"] - sum(others.values()), **others})
