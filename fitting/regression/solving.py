@@ -129,10 +129,10 @@ def inverse_root(G: FloatArray) -> FloatArray:
     return root
 
 
-def solve(rows: Sequence[WhiteRows], extra_names: tuple[str, ...] = (), expected: Sequence[WhiteRows] = ()) -> Fit:
-    """Solve least squares on whitened rows (:func:`factor`), and on those ``expected``, which are no joint's."""
-    A = np.vstack([r.A for r in (*rows, *expected)])
-    b = np.concatenate([r.b for r in (*rows, *expected)])
+def solve(rows: Sequence[WhiteRows], extra_names: tuple[str, ...] = ()) -> Fit:
+    """Solve least squares on whitened rows (:func:`factor`)."""
+    A = np.vstack([r.A for r in rows])
+    b = np.concatenate([r.b for r in rows])
     found = factor(A, len(extra_names))
     projected = found.Q.T @ b
     determined = np.zeros(A.shape[1], dtype=bool)
@@ -143,7 +143,7 @@ def solve(rows: Sequence[WhiteRows], extra_names: tuple[str, ...] = (), expected
         theta=found.root @ projected,
         covariance=found.root @ found.root.T,
         determined=determined,
-        orthonormal=tuple(np.split(found.Q, ends)[: len(rows)]),
-        residual=tuple(np.split(residual, ends)[: len(rows)]),
+        orthonormal=tuple(np.split(found.Q, ends[:-1])),
+        residual=tuple(np.split(residual, ends[:-1])),
         condition_number=found.condition_number,
     )
