@@ -229,25 +229,15 @@ class Candidates:
         shadow = model.fit.orthonormal[joint].T @ C
         return C.T @ C - shadow.T @ shadow, C.T @ model.fit.residual[joint]
 
-    def cross_products(self, model: Model, numbers: Sequence[int], others: Sequence[int]) -> FloatArray:
-        """Compute products (k, p) of candidates' columns with those of others, less the model's share.
+    def contributions(self, model: Model, numbers: Sequence[int], values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Compute what candidates of one place contribute there (R, N), and the base's share of it (rank, N).
 
-        All of each act on one joint alone, or all on all of them; the others' joint is then the same, or all.
+        ``values`` (P, N) are of their columns one after the other.
         """
-        ends = np.cumsum([len(residual) for residual in model.fit.residual])
-        sides = []
-        for own in (numbers, others):
-            place = self.terms[own[0]].place
-            columns = self._of(place, own)
-            Q = np.vstack(model.fit.orthonormal) if place is None else model.fit.orthonormal[place]
-            sides.append((place, columns, Q.T @ columns))
-        (first, one, shadow), (second, two, other_shadow) = sides
-        if first != second:  # what acts everywhere, in the rows of the joint
-            joint = first if second is None else second
-            assert joint is not None
-            rows = slice(ends[joint] - len(model.fit.residual[joint]), ends[joint])
-            one, two = (one[rows] if first is None else one), (two[rows] if second is None else two)
-        return np.asarray(one.T @ two - shadow.T @ other_shadow)
+        place = self.terms[numbers[0]].place
+        Q = np.vstack(model.fit.orthonormal) if place is None else model.fit.orthonormal[place]
+        raw = self._of(place, numbers) @ values
+        return raw, Q.T @ raw
 
     def shown(self, model: Model, number: int, values: Sequence[float]) -> dict[int, FloatArray]:
         """Compute a candidate's contribution with these values less the model's share: by joint, (R_j,)."""

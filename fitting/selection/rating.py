@@ -101,8 +101,37 @@ class Rating:
         covered = self._covered(names, scores)
         for joint, own in laws.items():
             result += self._laws.of_joint(joint, own, scores, law_each, covered)
-        result = _against_leftovers(result)
+        result = self._against_leftovers(result, scores)
         return by_formula([*result, *(self._surface(score, law_each, result) for score in surfaces)])
+
+    def _against_leftovers(self, rated: Sequence[Rated], scores: Mapping[int, Score]) -> list[Rated]:
+        """Rate against what found effects leave alone: in the direction of any candidate, by its prior.
+
+        That is there beside what explains another joint as well, but for what both explain by way of the base.
+        """
+        numbers = {score.term.label: n for n, score in scores.items()}
+        places: dict[int | None, list[Rated]] = {}
+        for r in rated:
+            places.setdefault(r.term.place, []).append(r)
+        result, nothing, heads = list[Rated](), dict[int, float](), dict[int, int]()
+        for place, own in places.items():
+            prior = np.array([r.log_odds - r.log_bayes for r in own])
+            left = np.array([r.leftover for r in own])
+            here = max(0.0, float(log_sum(left + prior - log_sum(prior))))
+            result += [replace(r, log_odds=r.log_odds - here, exact=r.exact - here, against=here) for r in own]
+            if place is not None and here > 0:
+                nothing[place] = here
+                heads[place] = numbers[own[int(np.argmax(left + prior))].term.label]
+        asked = [r for r in result if r.term.place is not None and r.log_odds > 0] if heads else []
+        if not asked:
+            return result
+        common = self._trust.common([numbers[r.term.label] for r in asked], list(heads.values()), scores)
+        places_of = np.array([[r.term.place != place for place in heads] for r in asked])
+        lost = dict(zip(map(id, asked), (common * places_of) @ np.array(list(nothing.values())), strict=True))
+        return [
+            replace(r, log_odds=r.log_odds - lost[id(r)], exact=r.exact - lost[id(r)]) if id(r) in lost else r
+            for r in result
+        ]
 
     def _surface(self, score: Score, prior: float, rated: Sequence[Rated]) -> Rated:
         """Rate a surface beside the laws that were rated, each of log prior odds ``prior``."""
@@ -164,20 +193,6 @@ def _families(scores: Mapping[int, Score]) -> tuple[dict[Family, list[int]], dic
         else:
             names.setdefault(family(term), []).append(number)
     return names, laws
-
-
-def _against_leftovers(rated: Sequence[Rated]) -> list[Rated]:
-    """Rate against what found effects leave alone: in the direction of any candidate, by its prior."""
-    places: dict[int | None, list[Rated]] = {}
-    for r in rated:
-        places.setdefault(r.term.place, []).append(r)
-    result = []
-    for own in places.values():
-        prior = np.array([r.log_odds - r.log_bayes for r in own])
-        left = np.array([r.leftover for r in own])
-        nothing = max(0.0, float(log_sum(left + prior - log_sum(prior))))
-        result += [replace(r, log_odds=r.log_odds - nothing, exact=r.exact - nothing, against=nothing) for r in own]
-    return result
 
 
 @dataclass(frozen=True)

@@ -134,7 +134,7 @@ class Trust:
             return
         groups = [*known, *others]
         numbers = [own[0] for own in groups]
-        common = self._common(numbers[: len(known)], numbers, scores)
+        common = self.common(numbers[: len(known)], numbers, scores)
         # Of what each takes as it was fitted, the part that counts.
         taken = {n: _fitted_gain(scores[n]) for own in groups for n in own}
         counted = {n: self._shares[n] * scores[n].gain / whole for n, whole in taken.items()}
@@ -145,21 +145,36 @@ class Trust:
             counted |= {n: share * trust + (1.0 - share) * counted[n] for n in own}
         self._shares |= {n: counted[n] * whole / max(scores[n].gain, 1e-300) for n, whole in taken.items()}
 
-    def _common(self, names: Sequence[int], others: Sequence[int], scores: Mapping[int, Score]) -> FloatArray:
+    def common(self, names: Sequence[int], others: Sequence[int], scores: Mapping[int, Score]) -> FloatArray:
         """Compute the share of each other's gain that it does not take beside a name (N, L), by what both contribute.
 
-        Those of different joints have none in common.
+        What acts at different joints has in common what each makes up for by way of the base.
         """
+        ends = np.cumsum([0, *(len(residual) for residual in self.model.fit.residual)])
         shares = np.zeros((len(names), len(others)))
+        shown = [(place, self._shown(others, at, scores), at) for place, at in _places(others, scores).items()]
         for place, rows in _places(names, scores).items():
-            for other, columns in _places(others, scores).items():
-                if place == other or None in (place, other):
-                    one, two = [names[k] for k in rows], [others[k] for k in columns]
-                    (V, x), (W, y) = _fitted(one, scores), _fitted(two, scores)
-                    alike = np.clip(V.T @ self.candidates.cross_products(self.model, one, two) @ W, -1.0, 1.0)
-                    beside = (y - alike * x[:, None]) ** 2 / np.maximum(1.0 - alike**2, DEAD)
-                    shares[np.ix_(rows, columns)] = np.clip(1.0 - beside / y**2, 0.0, 1.0)
+            x, own, base = self._shown(names, rows, scores)
+            for other, (y, its, its_base), columns in shown:
+                alike = -base.T @ its_base
+                if place == other:
+                    alike += own.T @ its
+                elif place is None and other is not None:
+                    alike += own[ends[other] : ends[other + 1]].T @ its
+                elif other is None and place is not None:
+                    alike += own.T @ its[ends[place] : ends[place + 1]]
+                alike = np.clip(alike, -1.0, 1.0)
+                beside = (y - alike * x[:, None]) ** 2 / np.maximum(1.0 - alike**2, DEAD)
+                shares[np.ix_(rows, columns)] = np.clip(1.0 - beside / y**2, 0.0, 1.0)
         return shares
+
+    def _shown(
+        self, numbers: Sequence[int], at: Sequence[int], scores: Mapping[int, Score]
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the roots (N,) of what candidates of one place take, and their :meth:`Candidates.contributions`."""
+        own = [numbers[k] for k in at]
+        values, sizes = _fitted(own, scores)
+        return sizes, *self.candidates.contributions(self.model, own, values)
 
 
 def _places(numbers: Sequence[int], scores: Mapping[int, Score]) -> dict[int | None, list[int]]:

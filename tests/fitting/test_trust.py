@@ -53,18 +53,35 @@ def test_two_that_are_the_same_are_believed_alike_whichever_was_drawn(which: int
     assert trust.of(1 - which) == pytest.approx(trust.of(which))
 
 
-@pytest.mark.parametrize("first", ["base_tilt", "velocity_root_friction"])
-def test_what_acts_everywhere_is_held_against_what_acts_at_a_joint_in_that_joints_rows(first: str) -> None:
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize(
+    "first", [Term(effect("base_tilt"), None, {}), Term(effect("hose_stiffness"), 0, {})], ids=["everywhere", "joint"]
+)
+def test_what_acts_elsewhere_has_in_common_what_least_squares_says(first: Term, turned: bool) -> None:
+    """What acts at another joint as well: there by way of the base, which makes up for a part of either."""
     session = clean_session(2)
     model = SessionSignals(session, Corrections(session.machine)).refit(())
-    tilt, friction = Term(effect("base_tilt"), None, {}), Term(effect("velocity_root_friction"), 1, {"n": 0.5})
-    candidates = Candidates(model, [tilt, friction], [1, 1])
-    count = len(candidates.scores(model)[0].values)
-    shown = [candidates.shown(model, 0, np.eye(count)[k])[1] for k in range(count)]
-    expected = np.array(shown) @ white_columns(model, friction)[0]
-    order = ([0], [1]) if first == "base_tilt" else ([1], [0])
-    found = candidates.cross_products(model, *order)
-    assert (found if first == "base_tilt" else found.T) == pytest.approx(expected, rel=1e-9)
+    terms = [first, Term(effect("gas_spring"), 1, {"side": 1.0, "rest": 0.2, "n": 1.2})]
+    candidates = Candidates(model, terms, [1, 1])
+    scores = candidates.scores(model)
+    basis, ends = np.vstack(model.fit.orthonormal), np.cumsum([0, *map(len, model.fit.residual)])
+    shown = []
+    for number, term in enumerate(terms):
+        values, whole = np.asarray(scores[number].values), np.zeros(ends[-1])
+        if term.joint is None:
+            whole = np.concatenate(list(candidates.shown(model, number, values).values()))
+        else:
+            whole[ends[term.joint] : ends[term.joint + 1]] = white_columns(model, term)[0] @ values
+        shown.append(whole - basis @ (basis.T @ whole))
+    order = (1, 0) if turned else (0, 1)
+    u, v = (shown[n] / np.linalg.norm(shown[n]) for n in order)
+    x, y = (np.sqrt(float(scores[n].fitted @ scores[n].information @ scores[n].fitted)) for n in order)
+    both = np.column_stack([u, v])
+    target = np.linalg.pinv(both.T) @ np.array([x, y])
+    expected = 1.0 - (float(target @ target) - x**2) / y**2
+    found = Trust(candidates, model).common([order[0]], [order[1]], scores)
+    assert abs(float(u @ v)) > 1e-3
+    assert found[0, 0] == pytest.approx(np.clip(expected, 0.0, 1.0), rel=1e-6, abs=1e-9)
 
 
 def test_what_is_not_alike_is_believed_as_it_is() -> None:
