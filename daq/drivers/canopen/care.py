@@ -155,7 +155,7 @@ class NodeCare:
             node.short()
             or Sentence(
                 "daq.not_come_within_syncs", place=node.place, missing=", ".join(missing), verify_cycles=VERIFY_CYCLES
-            ),
+            )
         )
 
     def failed(self, detail: str) -> None:
