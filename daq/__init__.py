@@ -7,8 +7,7 @@ there may be many on one computer, needs neither recordings nor what reads and r
 =================  =================================================================================================
 ``machine``        what a machine file says, and its checks
 ``kinematics``     Denavit-Hartenberg tables from URDF and MJCF, drafts of machine files
-``recordings``     files of any form read, checked, resampled, written
-``formats``        MDF4, MCAP and MAT
+``recordings``     files of any form read, checked, resampled, written; MDF4, MCAP and MAT for other tools
 ``frames``         what a cycle is made of: channels in their places, clock, events
 ``drivers``        the driver protocol, its conformance check, CANopen, plain CAN and Modbus
 ``acquisition``    the cycle that drivers run in, a process of its own; the ring buffer and its readers; the recorder,

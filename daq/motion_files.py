@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.arrays import FloatArray
 from daq.errors import InputError
@@ -58,17 +57,10 @@ class Motion:
         """Duration in s."""
         return float(self.time[-1])
 
-    def joint_positions(self, machine: Machine, hold: npt.ArrayLike | None = None) -> FloatArray:
-        """Return positions of all joints, (N, n); those without a column at ``hold`` (n,), or mid-range."""
-        still = (
-            np.array([sum(joint.limits.position) / 2 for joint in machine.joints])
-            if hold is None
-            else np.asarray(hold, dtype=float)
-        )
-        columns = [
-            self.columns.get(joint.name, np.full(self.time.shape, still[i])) for i, joint in enumerate(machine.joints)
-        ]
-        return np.column_stack(columns)
+    def joint_positions(self, machine: Machine) -> FloatArray:
+        """Return positions of all joints, (N, n); those without a column hold still in the middle of their range."""
+        still = {joint.name: np.full(self.time.shape, sum(joint.limits.position) / 2) for joint in machine.joints}
+        return np.column_stack([self.columns.get(name, held) for name, held in still.items()])
 
 
 def write_motion(path: str | Path, motion: Motion) -> None:

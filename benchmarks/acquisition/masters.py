@@ -231,7 +231,7 @@ class _Started:
         finally:
             self.clock.start()
 
-    def write_frame(self, frame: Frame) -> None:
+    def write(self, frame: Frame) -> None:
         """Write in the ring's place: inspect what came."""
         world, tick_ns, late_ns = self.world, self.clock._last, 0.1e9 / self.machine.rate_hz
         fresh = frame.quality == Quality.FRESH

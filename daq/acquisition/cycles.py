@@ -109,7 +109,7 @@ class Cycles:
             driver.trigger(tick.cycle)
         sent_ns = self.clock.monotonic_ns()
         samples = [driver.collect(tick.collect_until_ns) for driver in self.drivers]
-        ring.write_frame(self.assembler.frame(tick, sync_ns, utc_ns, samples, sent_ns))
+        ring.write(self.assembler.frame(tick, sync_ns, utc_ns, samples, sent_ns))
         counted, late_ms = self._counted, tick.late_ns / 1e6
         counted.cycles += 1
         counted.skipped += tick.skipped

@@ -29,7 +29,7 @@ import orjson
 
 from daq.arrays import RowArray
 from daq.errors import AcquisitionError
-from daq.frames.frame import Frame, frame_from_row, row_dtype
+from daq.frames.frame import Frame, row_dtype
 from daq.messages import put_together, with_their_messages
 
 MAGIC = b"hilfit/ring/2"
@@ -149,12 +149,8 @@ class RingWriter(_Ring):
         self._header["writer_pid"] = os.getpid()
         self._header["closed"] = 0
 
-    def write(self, row: RowArray) -> None:
-        """Append one row (shape (1,) of the ring's dtype); the oldest one goes if the ring is full."""
-        self.write_frame(frame_from_row(row[0]))
-
-    def write_frame(self, frame: Frame) -> None:
-        """Append a frame, without making a row of it first."""
+    def write(self, frame: Frame) -> None:
+        """Append a frame; the oldest row goes if the ring is full."""
         sequence = self._next + 1
         slot = self._next % self._slots
         column = self._columns

@@ -61,15 +61,10 @@ def from_bits(data_type: str, data: bytes, bit: int, bits: int) -> float:
     return float(field)
 
 
-def _swapped(word: int) -> int:
-    """Swap a register's two bytes."""
-    return (word & 0xFF) << 8 | word >> 8
-
-
 def from_registers(data_type: str, words: list[int], word_order: str = "big", byte_order: str = "big") -> float:
     """Decode the number in Modbus registers, as many words as :func:`registers`."""
-    if byte_order == "little":
-        words = [_swapped(word) for word in words]
+    if byte_order == "little":  # within each register
+        words = [(word & 0xFF) << 8 | word >> 8 for word in words]
     ordered = words if word_order == "little" else words[::-1]
     data = b"".join(word.to_bytes(2, "little") for word in ordered)
     return decode(data_type, data[: size(data_type)])

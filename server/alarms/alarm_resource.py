@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from types import MappingProxyType
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Annotated, Any, Literal
 
 import structlog
@@ -54,10 +54,11 @@ def named(names: Iterable[str], most: int = 3) -> str:
     return Sentence("server.and_others", names=found[:most], count=len(found) - most)
 
 
+@dataclass(eq=False)
 class Watch:
     """The thread that looks at acquisition, channels, disk and clock once a second, and ends recordings in time.
 
-    Parameters
+    Attributes
     ----------
     free : free bytes now
     troubles : see :data:`server.platform.resource.TROUBLES`
@@ -66,33 +67,24 @@ class Watch:
     wall, monotonic : s, the two clocks
     """
 
-    def __init__(
-        self,
-        watched: Acquisition,
-        alarms: Alarms,
-        free: Free,
-        end_recordings: Callable[[], None],
-        troubles: Mapping[str, str] = MappingProxyType({}),
-        look_for_damage: Callable[[], None] = lambda: None,
-        *,
-        wall: Callable[[], float] = time.time,
-        monotonic: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self._watched = watched
-        self._alarms = alarms
-        self._free = free
-        self._end_recordings = end_recordings
-        self._troubles = troubles
-        self._look_for_damage = look_for_damage
-        self._looked = monotonic()
-        self._wall = wall
-        self._monotonic = monotonic
-        self._difference = wall() - monotonic()
+    watched: Acquisition
+    alarms: Alarms
+    free: Free
+    end_recordings: Callable[[], None]
+    troubles: Mapping[str, str] = field(default_factory=dict)
+    look_for_damage: Callable[[], None] = lambda: None
+    _: KW_ONLY
+    wall: Callable[[], float] = time.time
+    monotonic: Callable[[], float] = time.monotonic
+
+    def __post_init__(self) -> None:
+        self._looked = self.monotonic()
+        self._difference = self.wall() - self.monotonic()
         self._low = False
         self.rounds = Rounds("alarms", LOOK_S, self._look)
 
     def _look(self) -> None:
-        for look in (self.disk, self.acquisitions, self.clock, self.service, self._alarms.sweep):
+        for look in (self.disk, self.acquisitions, self.clock, self.service, self.alarms.sweep):
             try:
                 look()
             except Exception as error:  # a database that is locked now will not be at the next look
@@ -100,56 +92,56 @@ class Watch:
 
     def disk(self) -> None:
         """Alarm when space gets short; end recordings before the database has none."""
-        free = self._free()
+        free = self.free()
         left = free - RESERVE_BYTES
         self._low = beyond(left, WARNING, self._low)
         if left <= 0:
-            self._end_recordings()
+            self.end_recordings()
         # The text holds no number that moves: each new text would be a revision.
         text = Sentence("server.little_disk_free", reserve_bytes=RESERVE_BYTES // 2**20)
         if left <= 0:
             text = Sentence("server.disk_is_full", reserve_bytes=RESERVE_BYTES // 2**20)
-        self._alarms.report(None, "disk_full", text, "critical" if left <= 0 else "warning", self._low)
+        self.alarms.report(None, "disk_full", text, "critical" if left <= 0 else "warning", self._low)
 
     def acquisitions(self) -> None:
         """Alarm when a machine's acquisition is down, or a channel of it silent."""
-        names = self._watched.names()
+        names = self.watched.names()
         for name in names:
-            statistics = self._watched.statistics(name)
+            statistics = self.watched.statistics(name)
             down = statistics["state"] != "running"
             text = Sentence(
                 "server.acquisition_does_not_run", why=statistics["error"] or Sentence("server.being_started")
             )
-            self._alarms.report(name, "acquisition_down", text, "critical", down)
+            self.alarms.report(name, "acquisition_down", text, "critical", down)
             stale: tuple[str, ...] = ()
             if not down:
                 try:
-                    stale = stale_channels(self._watched.latest(name))
+                    stale = stale_channels(self.watched.latest(name))
                 except HilfitError:  # it ended between the two looks
                     continue
             text = Sentence("server.no_measurement_from", channels=named(stale))
-            self._alarms.report(name, "channel_stale", text, "warning", bool(stale))
-        for alarm in self._alarms.active():
+            self.alarms.report(name, "channel_stale", text, "warning", bool(stale))
+        for alarm in self.alarms.active():
             if alarm.kind in ("acquisition_down", "channel_stale") and alarm.machine not in names:
-                self._alarms.report(alarm.machine, alarm.kind, "", "info", False)
+                self.alarms.report(alarm.machine, alarm.kind, "", "info", False)
 
     def clock(self) -> None:
         """Alarm when the wall's clock was set: times of recordings before and after do not go together."""
-        difference = self._wall() - self._monotonic()
+        difference = self.wall() - self.monotonic()
         jump = difference - self._difference
         self._difference = difference
         if abs(jump) >= JUMP_S:
             text = Sentence("server.clock_was_set", seconds=jump)
-            self._alarms.report(None, "clock_jumped", text, "info", True)
-            self._alarms.report(None, "clock_jumped", text, "info", False)
+            self.alarms.report(None, "clock_jumped", text, "info", True)
+            self.alarms.report(None, "clock_jumped", text, "info", False)
 
     def service(self) -> None:
         """Alarm on what is wrong with the service itself; look through the store once a day."""
-        if self._monotonic() - self._looked >= DAMAGE_LOOK_S:
-            self._looked = self._monotonic()
-            self._look_for_damage()
+        if self.monotonic() - self._looked >= DAMAGE_LOOK_S:
+            self._looked = self.monotonic()
+            self.look_for_damage()
         for kind in ("store_damaged", "audit_cut", "backup_failed"):
-            self._alarms.report(None, kind, self._troubles.get(kind, ""), "critical", kind in self._troubles)
+            self.alarms.report(None, kind, self.troubles.get(kind, ""), "critical", kind in self.troubles)
 
 
 class AlarmResource(Alarm):

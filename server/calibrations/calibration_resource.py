@@ -23,7 +23,7 @@ from server.platform.errors import ConflictError
 from server.platform.files import DataDirectory
 from server.platform.http.bodies import Body, Label, Listed, Shown
 from server.platform.http.route_parameters import KnownTags, MachineQuery, PageDep, ServiceDep, problems, sends
-from server.platform.resource import Parts, Resource
+from server.platform.resource import Resource
 from server.platform.settings import Settings
 
 
@@ -246,15 +246,14 @@ def _tagged(calibration: Calibration, response: Response) -> CalibrationResource
     return CalibrationResource.of(calibration)
 
 
-def _calibrations(parts: Parts) -> Calibrations:
-    return Calibrations(parts[Database], parts[DataDirectory], parts[Settings].approves_own)
-
-
 CALIBRATIONS = Resource(
     name="calibrations",
     routers=(router, machine_router),
     tables=(calibrations, calibration_steps, activations),
     of_a_machine={"calibrations": calibrations},
     kept={"/calibrations": ("calibrations",)},
-    provides={Calibrations: _calibrations, ByPolicy: lambda parts: ByPolicy(parts[Calibrations], parts[Audit])},
+    provides={
+        Calibrations: lambda parts: Calibrations(parts[Database], parts[DataDirectory], parts[Settings].approves_own),
+        ByPolicy: lambda parts: ByPolicy(parts[Calibrations], parts[Audit]),
+    },
 )

@@ -6,6 +6,7 @@ import json
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -60,31 +61,24 @@ KEPT = 8
 _Key = tuple[Path, tuple[tuple[str, int, int], ...]]
 
 
+@dataclass(eq=False)
 class SignalFiles:
     """DBC files of machines.
 
-    Parameters
+    Attributes
     ----------
     recorded : id of the recording that is being made of a machine, None without one
     """
 
-    def __init__(
-        self,
-        files: DataDirectory,
-        machines: Machines,
-        reader: MachineReader,
-        acquisition: Acquisition,
-        recorded: Callable[[str], str | None],
-        children: FileChildren,
-    ) -> None:
-        self._files = files
-        self._children = children
-        self._machines = machines
-        self._reader = reader
-        self._acquisition = acquisition
-        self._recorded = recorded
-        self._kept: OrderedDict[_Key, list[dict[str, Any]]] = OrderedDict()
-        self._replacing = threading.Lock()  # two uploads must not both be the next one
+    files: DataDirectory
+    machines: Machines
+    reader: MachineReader
+    acquisition: Acquisition
+    recorded: Callable[[str], str | None]
+    children: FileChildren
+    _kept: OrderedDict[_Key, list[dict[str, Any]]] = field(default_factory=OrderedDict, init=False)
+    #: Two uploads must not both be the next one.
+    _replacing: threading.Lock = field(default_factory=threading.Lock, init=False)
 
     def buses(self, machine: str) -> tuple[MachineRow, list[dict[str, Any]]]:
         """Return a machine, and its buses of plain CAN or J1939 as :class:`server.can_signals.signal_child.OfferedBus`.
@@ -94,8 +88,8 @@ class SignalFiles:
         InvalidError
             If reading them took more time or memory than any DBC file does.
         """
-        row = self._machines.get(machine)
-        path = self._files.machine_file(machine, row.version)
+        row = self.machines.get(machine)
+        path = self.files.machine_file(machine, row.version)
         names = self._names(row)
         key = (path, tuple(_state(path.parent / name) for name in names))
         found = self._kept.get(key)
@@ -108,15 +102,15 @@ class SignalFiles:
 
     def digest(self, machine: str, name: str) -> str | None:
         """Compute SHA-256 of a file, None if it is not there."""
-        path = self._files.machines / machine / name
+        path = self.files.machines / machine / name
         return digest_of(path) if path.is_file() else None
 
     def path(self, machine: str, name: str) -> Path:
         """Locate a file that the machine's file names; NotFoundError if it names no such file."""
-        row = self._machines.get(machine)
+        row = self.machines.get(machine)
         if name not in self._names(row):
             raise NotFoundError("server.file_machine_names_no", machine=machine)
-        return self._files.machines / machine / name
+        return self.files.machines / machine / name
 
     def incoming(self, machine: str, name: str) -> Path:
         """Return a new name for an upload that is to replace a file.
@@ -131,7 +125,7 @@ class SignalFiles:
         path = self.path(machine, name)
         if path.suffix.lower() not in SUFFIXES:
             raise UnsupportedFormatError("server.file_name_not_end", suffixes=", ".join(SUFFIXES))
-        made = self._files.incoming()
+        made = self.files.incoming()
         return made.with_name(made.name + path.suffix)
 
     def replace(self, incoming: Path, machine: str, name: str, expected: Tags) -> str:
@@ -151,25 +145,25 @@ class SignalFiles:
             If the machine is being recorded.
         """
         try:
-            row = self._machines.get(machine)
+            row = self.machines.get(machine)
             path = self.path(machine, name)
             self._refuse_unusable(row, name, incoming)
             with self._replacing:
                 if expected is not None and not expected & {self.digest(machine, name) or NONE_YET}:
                     raise PreconditionError("server.somebody_replaced_meanwhile", name=name)
-                recording = self._recorded(machine)
+                recording = self.recorded(machine)
                 if recording is not None:
                     raise ConflictError("server.machine_being_recorded", machine=machine, recording=recording)
                 write_whole(path, incoming.read_bytes())
             if row.acquire:
-                self._acquisition.start(machine, self._files.machine_file(machine, row.version))
+                self.acquisition.start(machine, self.files.machine_file(machine, row.version))
             return str(self.digest(machine, name))
         finally:
             incoming.unlink(missing_ok=True)
 
     def _refuse_unusable(self, row: MachineRow, name: str, incoming: Path) -> None:
         """Raise InvalidError if a file cannot be read, or takes signals from channels that had them."""
-        path = self._files.machine_file(row.name, row.version)
+        path = self.files.machine_file(row.name, row.version)
         before = {line for bus in self.buses(row.name)[1] for line in bus["problems"]}
         for bus in self._read(path, (name, incoming)):
             errors = [file["error"] for file in bus["files"] if file["name"] == name and file["error"] is not None]
@@ -179,17 +173,17 @@ class SignalFiles:
 
     def _names(self, row: MachineRow) -> list[str]:
         """List DBC files that a machine's file names, each once."""
-        path = self._files.machine_file(row.name, row.version)
+        path = self.files.machine_file(row.name, row.version)
         if not path.is_file():
             raise NotFoundError("server.file_machine_gone", row=row.name)
-        buses = self._reader.content(path).get("buses", ())
+        buses = self.reader.content(path).get("buses", ())
         return list(dict.fromkeys(name for bus in buses if bus["type"] == "can_signals" for name in bus["dbc"]))
 
     def _read(self, machine_file: Path, change: tuple[str, Path] | None) -> list[dict[str, Any]]:
-        target, log = self._files.incoming(), self._files.recordings / "inspect.log"
+        target, log = self.files.incoming(), self.files.recordings / "inspect.log"
         arguments = (machine_file, target, *(change or ()))
         try:
-            result = self._children.run("server.can_signals.signal_child", *arguments, log=log, timeout_s=READING_S)
+            result = self.children.run("server.can_signals.signal_child", *arguments, log=log, timeout_s=READING_S)
             if result.outcome == "done":
                 content: list[dict[str, Any]] = json.loads(target.read_text(encoding="utf-8"))
                 return content

@@ -25,38 +25,28 @@ SERVICE_OPTIONS = frozenset(
 #: Options that mean the same in every command.
 COMMON_OPTIONS = frozenset({"json", "config", "data_dir"})
 
-#: Words of the help for values that are more than their kind.
-METAVARS = {
-    "recordings": "RECORDING",
-    "recording": "RECORDING",
-    "train": "RECORDING",
-    "validate": "RECORDING",
-    "unloaded": "RECORDING",
-    "repeat": "RECORDING",
-    "operation": "RECORDING",
-    "model": "MODEL",
-    "first": "MODEL",
-    "second": "MODEL",
-    "machine": "MACHINE",
-    "motion": "MOTION",
-    "after": "MOTION",
-    "joint": "JOINT",
-    "seconds": "SECONDS",
-    "seed": "SEED",
-    "columns": "MAP",
-    "bandwidth": "HZ",
-    "max_frequency": "HZ",
-    "rate": "HZ",
-    "host": "ADDRESS",
-    "port": "PORT",
-    "base_path": "PATH",
-    "database_url": "URL",
-    "undeclared": "EFFECT:JOINT:SIZE",
-    "require": "CHANNEL",
-    "effect_id": "ID",
-    "source": "FILE",
-    "to": "FORMAT",
+#: Words of the help for values that are more than their kind, and the parameters that take them.
+_NAMED = {
+    "RECORDING": ("recordings", "recording", "train", "validate", "unloaded", "repeat", "operation"),
+    "MODEL": ("model", "first", "second"),
+    "MACHINE": ("machine",),
+    "MOTION": ("motion", "after"),
+    "JOINT": ("joint",),
+    "SECONDS": ("seconds",),
+    "SEED": ("seed",),
+    "MAP": ("columns",),
+    "HZ": ("bandwidth", "max_frequency", "rate"),
+    "ADDRESS": ("host",),
+    "PORT": ("port",),
+    "PATH": ("base_path",),
+    "URL": ("database_url",),
+    "EFFECT:JOINT:SIZE": ("undeclared",),
+    "CHANNEL": ("require",),
+    "ID": ("effect_id",),
+    "FILE": ("source",),
+    "FORMAT": ("to",),
 }
+METAVARS = {name: word for word, names in _NAMED.items() for name in names}
 #: The same by command, where a name means something else.
 METAVARS_OF_COMMANDS = {
     ("access pair", "machine"): "NAME",

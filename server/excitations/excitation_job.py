@@ -6,6 +6,7 @@ import json
 import secrets
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -117,33 +118,27 @@ class ExcitationKind:
         """Pass: nobody waits for it here."""
 
 
+@dataclass(frozen=True)
 class MotionDelivery:
     """Sends designed motions to the simulated machine's controller.
 
     No request reaches an actuator: the controller gets a file, as it would from a person.
 
-    Parameters
+    Attributes
     ----------
     simulated : name of the simulated machine, None without one
     """
 
-    def __init__(
-        self,
-        files: DataDirectory,
-        excitations: Excitations,
-        designs: ExcitationKind,
-        simulated: Callable[[], str | None],
-    ) -> None:
-        self._files = files
-        self._excitations = excitations
-        self._designs = designs
-        self._simulated = simulated
+    files: DataDirectory
+    excitations: Excitations
+    designs: ExcitationKind
+    simulated: Callable[[], str | None]
 
     def controller(self, machine: str) -> SimulatedController | None:
         """Return the simulated machine's controller; None: a real machine."""
-        if machine != self._simulated():
+        if machine != self.simulated():
             return None
-        return SimulatedController(self._files.simulation, self._designs.motion)
+        return SimulatedController(self.files.simulation, self.designs.motion)
 
     def send(self, excitation: str, name: str) -> None:
         """Send a designed motion to the simulated machine's controller.
@@ -153,7 +148,7 @@ class MotionDelivery:
         NotFoundError, ConflictError
             If there is no such motion, or the machine is a real one.
         """
-        row = self._excitations.get(excitation)
+        row = self.excitations.get(excitation)
         if row.result is None:
             raise ConflictError("server.excitation_not_designed_yet", excitation=excitation, job=row.job)
         controller = self.controller(row.machine)

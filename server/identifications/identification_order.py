@@ -27,16 +27,14 @@ class Wish:
     label: str
 
 
+@dataclass(frozen=True)
 class Orders(Generic[Ordered]):
     """Takes orders of one kind: stores each with its job, and queues that.
 
-    Parameters
+    Attributes
     ----------
     stages : of such a job; asked for when one is ordered
     enqueue : queues a stored job
-
-    Attributes
-    ----------
     fits : where they are stored
     prefix : of their ids
     label : of one to which nobody gave a label; ``{}`` is the machine
@@ -49,16 +47,9 @@ class Orders(Generic[Ordered]):
     label: ClassVar[str]
     needed: ClassVar[tuple[tuple[str, ...], ...]]
     kind: ClassVar[tuple[str, ...]]
-
-    def __init__(
-        self,
-        database: Database,
-        stages: Callable[[], tuple[str, ...]],
-        enqueue: Callable[[str], None],
-    ) -> None:
-        self._database = database
-        self._stages = stages
-        self._enqueue = enqueue
+    database: Database
+    stages: Callable[[], tuple[str, ...]]
+    enqueue: Callable[[str], None]
 
     def order(self, wish: Wish, key: str | None) -> Ordered:
         """Check a wish, store it and queue its job.
@@ -74,11 +65,11 @@ class Orders(Generic[Ordered]):
             One line: what is wrong and what to do.
         """
         stored = self._stored(wish, key)
-        self._enqueue(stored.job)
+        self.enqueue(stored.job)
         return stored
 
     def _stored(self, wish: Wish, key: str | None) -> Ordered:
-        database = self._database
+        database = self.database
         machine = Machines(database).get(wish.machine)
         new: Ordered = self.fits.of(
             id=f"{self.prefix}-{secrets.token_hex(8)}",
@@ -93,7 +84,7 @@ class Orders(Generic[Ordered]):
         content = [*self.kind, wish.machine, [list(own) for own in wish.recordings], wish.options, wish.label]
         fits: Fits[Ordered] = self.fits(database)
         known = IdempotencyKey.of(key, *content)
-        return Jobs(database).order(fits, new, fits.one, self._stages(), known)
+        return Jobs(database).order(fits, new, fits.one, self.stages(), known)
 
 
 class IdentificationOrders(Orders[Identification]):

@@ -12,11 +12,12 @@ from pydantic import Field, JsonValue
 
 from fitting.pipeline.stage_names import NEXT_MOTION, ReportLanguage
 from server.identifications.identification_job import IdentificationKind, StageProgram, fitting_program
-from server.identifications.identification_order import IdentificationOrders, Wish
+from server.identifications.identification_order import IdentificationOrders, Orders, Wish
 from server.identifications.identification_results import IdentificationResults
 from server.identifications.identification_store import (
     Identification,
     Identifications,
+    Ordered,
     RecordingChoice,
     identification_recordings,
     identifications,
@@ -31,6 +32,7 @@ from server.platform.files import DataDirectory
 from server.platform.http.bodies import Body, Flag, Label, Listed
 from server.platform.http.route_parameters import Idempotency, MachineQuery, PageDep, ServiceDep, problems, sends
 from server.platform.resource import BackedUp, PartName, Resource
+from server.platform.service import Service
 
 #: What a fit is ordered of.
 RecordingChoices = Annotated[list[RecordingChoice], Field(min_length=1, max_length=200)]
@@ -68,13 +70,30 @@ class IdentificationOptions(Body):
     resample: bool = False
 
 
-class IdentificationOrder(Body, json_schema_extra=ORDER_EXAMPLE):
-    """What to identify."""
+class FitOrder(Body, json_schema_extra=ORDER_EXAMPLE):
+    """What is fitted; each kind has options of its own."""
 
     machine: MachineName
     recordings: RecordingChoices
-    options: IdentificationOptions = IdentificationOptions()
+    options: Body
     label: Label = ""
+
+    async def taken(
+        self, service: Service, orders: type[Orders[Ordered]], response: Response, key: str | None
+    ) -> Ordered:
+        """Store it and queue its job, whose address is in ``Location``; see :meth:`Orders.order`."""
+        recordings = tuple((choice.id, choice.role) for choice in self.recordings)
+        wish = Wish(self.machine, recordings, self.options.model_dump(), self.label)
+        # Shared storage may have to be filled first, and may be far away.
+        made = await service.heavy.aside(service[orders].order, wish, key)
+        response.headers["Location"] = f"/api/v1/jobs/{made.job}"
+        return made
+
+
+class IdentificationOrder(FitOrder):
+    """What to identify."""
+
+    options: IdentificationOptions = IdentificationOptions()
 
 
 class IdentificationResource(Identification):
@@ -98,22 +117,10 @@ REPORT_POLICY = (
 
 @router.post("", status_code=202, responses=problems(404, 409, 422), dependencies=[require("engineer")])
 async def order(
-    body: IdentificationOrder,
-    response: Response,
-    service: ServiceDep,
-    idempotency_key: Idempotency = None,
+    body: IdentificationOrder, response: Response, service: ServiceDep, idempotency_key: Idempotency = None
 ) -> IdentificationResource:
     """Order an identification: its job is at ``Location``; one ``Idempotency-Key`` makes one job."""
-    wish = Wish(
-        machine=body.machine,
-        recordings=tuple((choice.id, choice.role) for choice in body.recordings),
-        options=body.options.model_dump(),
-        label=body.label,
-    )
-    # Shared storage may have to be filled first, and may be far away.
-    identification = await service.heavy.aside(service[IdentificationOrders].order, wish, idempotency_key)
-    response.headers["Location"] = f"/api/v1/jobs/{identification.job}"
-    return IdentificationResource.of(identification)
+    return IdentificationResource.of(await body.taken(service, IdentificationOrders, response, idempotency_key))
 
 
 @router.get("", responses=problems(422), dependencies=[require("read")])

@@ -10,11 +10,13 @@ import socket
 import time
 from collections.abc import Callable
 from importlib.metadata import version
+from typing import Annotated
 
 import sqlalchemy as sa
 
 from server.platform.database.engine import Database
 from server.platform.database.schema import metadata
+from server.platform.database.stored import BESIDE, Kept, Stored
 from server.platform.processes.rounds import Rounds
 
 BEAT_S = 5.0
@@ -30,17 +32,24 @@ executors = sa.Table(
     sa.Column("started", sa.String, nullable=False),
     sa.Column("seen", sa.String, nullable=False),
 )
-#: What hosts say of themselves.
-hosts = sa.Table(
-    "hosts",
-    metadata,
-    sa.Column("id", sa.String, primary_key=True),  # as in executors
-    sa.Column("version", sa.String, nullable=False),
-    sa.Column("cores", sa.Integer, nullable=False),
-    sa.Column("load", sa.Float, nullable=False),  # mean of the last minute, of all its processes
-    sa.Column("state", sa.String, nullable=False),  # what it does, or what it waits for
-    sa.Column("heard", sa.String, nullable=False),
-)
+
+
+class Host(Stored, table="hosts"):
+    """Report of an executor about its host.
+
+    ``load``: processes that wanted to run in the mean of the last minute. ``state``: works, or what it waits for.
+    """
+
+    id: Annotated[str, Kept(key=True)]
+    host: Annotated[str, BESIDE]  # as in executors
+    version: str
+    cores: int
+    load: float
+    state: str
+    heard: str
+
+
+hosts = Host.table
 
 
 class Silence:

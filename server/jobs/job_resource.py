@@ -22,7 +22,7 @@ from prometheus_client.core import GaugeMetricFamily, Metric
 from pydantic import BaseModel
 
 from server.jobs.claims import job_claims
-from server.jobs.executors import Heartbeat, Silence, executors, hosts
+from server.jobs.executors import Heartbeat, Host, Silence, executors, hosts
 from server.jobs.job_kinds import AT_MACHINES
 from server.jobs.job_runner import EXECUTOR, QUEUES, JobRunner
 from server.jobs.job_store import FINAL, Job, Jobs, State, job_events, job_files, jobs
@@ -180,20 +180,13 @@ def _resource(service: Service, job: Job) -> JobResource:
 worker_router = APIRouter(prefix="/workers", tags=["jobs"], route_class=TypedRoute)
 
 
-class WorkerResource(BaseModel):
+class WorkerResource(Host):
     """A process that runs jobs.
 
     ``load``: processes that wanted to run on its host in the mean of the last minute. ``state``: works, or what it
     waits for. ``silent``: nothing was heard of it for so long that others go on with its jobs.
     """
 
-    id: str
-    host: str
-    version: str
-    cores: int
-    load: float
-    state: str
-    heard: str
     silent: bool
 
 

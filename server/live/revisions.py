@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from dataclasses import KW_ONLY, dataclass
 
 from server.platform.changes import Changes
 
@@ -15,32 +16,26 @@ HEARTBEAT_S = 10.0
 Reader = Callable[[], Awaitable[Mapping[str, int]]]
 
 
+@dataclass(eq=False)
 class Revisions:
     """The newest revision counters.
 
-    Parameters
+    Attributes
     ----------
     changes : what wakes those who wait
     read : reads the counters from the store
     own : the counters that this process wrote last; then the store need not be read for its own writes
     """
 
-    def __init__(
-        self,
-        changes: Changes,
-        read: Reader,
-        *,
-        clock: Callable[[], float] = time.monotonic,
-        poll_s: float = POLL_S,
-        heartbeat_s: float = HEARTBEAT_S,
-        own: Callable[[], Mapping[str, int]] | None = None,
-    ) -> None:
-        self._changes = changes
-        self._read = read
-        self._clock = clock
-        self._poll_s = poll_s
-        self._heartbeat_s = heartbeat_s
-        self._own = own
+    changes: Changes
+    read: Reader
+    _: KW_ONLY
+    clock: Callable[[], float] = time.monotonic
+    poll_s: float = POLL_S
+    heartbeat_s: float = HEARTBEAT_S
+    own: Callable[[], Mapping[str, int]] | None = None
+
+    def __post_init__(self) -> None:
         self._lock = asyncio.Lock()
         self._seen = -1
         self._until = -1.0
@@ -49,9 +44,9 @@ class Revisions:
     async def current(self) -> Mapping[str, int]:
         """Return the counters: new as every write of this process, within ``poll_s`` for those of others."""
         # While somebody reads, nobody else waits for the store: a writer may hold it for as long as a disk takes.
-        if self._own is None or not self._counters or not self._lock.locked():
+        if self.own is None or not self._counters or not self._lock.locked():
             await self._refresh()
-        own = {} if self._own is None else self._own()
+        own = {} if self.own is None else self.own()
         if any(number > self._counters.get(name, 0) for name, number in own.items()):
             self._counters = {**self._counters, **own}
         return self._counters
@@ -59,11 +54,11 @@ class Revisions:
     async def _refresh(self) -> None:
         """Read the store if what is known of it may be too old."""
         async with self._lock:
-            number = self._changes.number
-            notified = self._own is None and number != self._seen
-            if notified or self._clock() >= self._until:
-                self._counters = await self._read()
-                self._seen, self._until = number, self._clock() + self._poll_s
+            number = self.changes.number
+            notified = self.own is None and number != self._seen
+            if notified or self.clock() >= self._until:
+                self._counters = await self.read()
+                self._seen, self._until = number, self.clock() + self.poll_s
 
     async def follow(self) -> AsyncIterator[tuple[str, int] | None]:
         """Yield every counter as it is, then each whenever it moves; None now and then, as a sign of life.
@@ -71,15 +66,15 @@ class Revisions:
         Ends when the service stops.
         """
         known: dict[str, int] = {}
-        spoke = self._clock()
-        while not self._changes.closed:
-            number = self._changes.number
+        spoke = self.clock()
+        while not self.changes.closed:
+            number = self.changes.number
             for resource, revision in (await self.current()).items():
                 if known.get(resource) != revision:
                     known[resource] = revision
-                    spoke = self._clock()
+                    spoke = self.clock()
                     yield resource, revision
-            if self._clock() - spoke >= self._heartbeat_s:
-                spoke = self._clock()
+            if self.clock() - spoke >= self.heartbeat_s:
+                spoke = self.clock()
                 yield None
-            await self._changes.wait(number, self._poll_s)
+            await self.changes.wait(number, self.poll_s)

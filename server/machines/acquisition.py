@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Collection
 from contextlib import AbstractContextManager, suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import KW_ONLY, asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -45,35 +45,29 @@ class _State:
     last: dict[str, Any] = field(default_factory=dict)
 
 
+@dataclass(eq=False)
 class Supervisor:
     """One machine: starts its acquisition, starts it again when it dies, with growing pauses.
 
-    Parameters
+    Attributes
     ----------
     places : where it may go (:mod:`daq.machine.bus_places`); None: wherever its file says
     pause : waits that many seconds or until ordered to stop; True if so (a test passes its own)
     """
 
-    def __init__(
-        self,
-        name: str,
-        machine_file: Path,
-        launch: Launch,
-        *,
-        places: Collection[str] | None = None,
-        changed: Callable[[], None] = lambda: None,
-        pause: Callable[[threading.Event, float], bool] = lambda event, seconds: event.wait(seconds),
-    ) -> None:
-        self._name = name
-        self._machine_file = machine_file
-        self._launch = launch
-        self._places = places
-        self._changed = changed
-        self._pause = pause
+    name: str
+    machine_file: Path
+    launch: Launch
+    _: KW_ONLY
+    places: Collection[str] | None = None
+    changed: Callable[[], None] = lambda: None
+    pause: Callable[[threading.Event, float], bool] = lambda event, seconds: event.wait(seconds)
+
+    def __post_init__(self) -> None:
         self._lock = threading.Lock()
         self._state = _State()
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name=f"acquisition-{name}", daemon=True)
+        self._thread = threading.Thread(target=self._run, name=f"acquisition-{self.name}", daemon=True)
 
     def start(self) -> None:
         """Start the supervising thread; returns at once."""
@@ -106,7 +100,7 @@ class Supervisor:
             for key, value in values.items():
                 setattr(self._state, key, value)
         if "state" in values:
-            self._changed()
+            self.changed()
 
     def _run(self) -> None:
         failures = 0
@@ -114,24 +108,24 @@ class Supervisor:
             self._set(state="starting")
             ran = False
             try:
-                machine = load_machine(self._machine_file)
-                _refuse_elsewhere(machine, self._places)
-                with self._launch(machine) as feed:
+                machine = load_machine(self.machine_file)
+                _refuse_elsewhere(machine, self.places)
+                with self.launch(machine) as feed:
                     if self._comes_up(feed):
                         ran = True
                         self._set(state="running", error=None, feed=feed, machine=machine)
-                        _log.info("acquisition_running", machine=self._name)
+                        _log.info("acquisition_running", machine=self.name)
                         self._watch(feed)
                         self._set(state="stopped", feed=None)
             except HilfitError as error:
                 self._failed(str(error))
             except Exception as error:  # a driver may raise anything; the machine has to come back all the same
-                _log.error("acquisition_failed", machine=self._name, exc_info=error)
+                _log.error("acquisition_failed", machine=self.name, exc_info=error)
                 self._failed(Sentence("server.acquisition_failed_unexpectedly"))
             if self._stop.is_set():
                 break
             failures = 1 if ran else failures + 1
-            if self._pause(self._stop, min(FIRST_PAUSE_S * 2 ** (failures - 1), LONGEST_PAUSE_S)):
+            if self.pause(self._stop, min(FIRST_PAUSE_S * 2 ** (failures - 1), LONGEST_PAUSE_S)):
                 break
             with self._lock:
                 self._state.restarts += 1
@@ -139,7 +133,7 @@ class Supervisor:
 
     def _failed(self, error: str) -> None:
         self._set(state="waiting", error=error, feed=None)
-        _log.warning("acquisition_waits", machine=self._name, error=error)
+        _log.warning("acquisition_waits", machine=self.name, error=error)
 
     def _comes_up(self, feed: AcquisitionProcess) -> bool:
         """Wait until frames come; False if ordered to stop before."""
@@ -147,13 +141,13 @@ class Supervisor:
             if feed.alive:
                 return True
             feed.check()
-            if self._pause(self._stop, START_LOOK_S):
+            if self.pause(self._stop, START_LOOK_S):
                 return False
         raise UnavailableError("server.no_frame_came_within", start_s=START_S)
 
     def _watch(self, feed: AcquisitionProcess) -> None:
         """Return when ordered to stop; raise when the process has died."""
-        while not self._pause(self._stop, LOOK_S):
+        while not self.pause(self._stop, LOOK_S):
             self._set(last=with_their_messages(asdict(feed.statistics())))
             if not feed.alive:
                 feed.check()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from server.machines.acquisition import Acquisition
@@ -20,45 +21,38 @@ BEING_RECORDED: PartName[Callable[[str], str | None]] = PartName("which recordin
 Simulate = Callable[[Path, float], AbstractContextManager[Path]]
 
 
+@dataclass(eq=False)
 class MachineDesk:
     """Operations on machines.
 
-    Parameters
+    Attributes
     ----------
     recorded : see :data:`BEING_RECORDED`
     """
 
-    def __init__(
-        self,
-        machines: Machines,
-        uploads: MachineUploads,
-        acquisition: Acquisition,
-        files: DataDirectory,
-        recorded: Callable[[str], str | None],
-    ) -> None:
-        self._machines = machines
-        self._uploads = uploads
-        self._acquisition = acquisition
-        self._files = files
-        self._recorded = recorded
-        #: Name of the simulated machine, None without one.
-        self.simulated: str | None = None
+    machines: Machines
+    uploads: MachineUploads
+    acquisition: Acquisition
+    files: DataDirectory
+    recorded: Callable[[str], str | None]
+    #: Name of the simulated machine, None without one.
+    simulated: str | None = field(default=None, init=False)
 
     def add_simulated(self, machine_file: Path) -> None:
         """Take the file that the simulated machine has written; it is acquired from now on."""
-        row, _ = self._uploads.add(machine_file.read_bytes(), acquire=True, own=True)
-        self._machines.set_acquire(row.name, True)
+        row, _ = self.uploads.add(machine_file.read_bytes(), acquire=True, own=True)
+        self.machines.set_acquire(row.name, True)
         self.simulated = row.name
 
     def start_acquisition(self) -> None:
         """Acquire all machines that should be."""
-        for machine in self._machines.acquiring():
-            path = self._files.machine_file(machine.name, machine.version)
-            self._acquisition.start(machine.name, path, own=machine.name == self.simulated)
+        for machine in self.machines.acquiring():
+            path = self.files.machine_file(machine.name, machine.version)
+            self.acquisition.start(machine.name, path, own=machine.name == self.simulated)
 
     def check(self, content: bytes, allowed: Callable[[str], bool]) -> tuple[str, int]:
         """Check a machine file: its machine and version to be; refuse what :meth:`upload` would."""
-        return self._uploads.check(content, allowed, self.simulated)
+        return self.uploads.check(content, allowed, self.simulated)
 
     def upload(
         self, content: bytes, allowed: Callable[[str], bool] = lambda name: True, expected: Tags = None
@@ -68,25 +62,25 @@ class MachineDesk:
         NotFoundError if the machine is not ``allowed``, PreconditionError if its version is not ``expected``,
         ConflictError if it is the simulated one.
         """
-        row, made = self._uploads.add(content, allowed=allowed, protected=self.simulated, expected=expected)
+        row, made = self.uploads.add(content, allowed=allowed, protected=self.simulated, expected=expected)
         if made and row.acquire:
-            self._acquisition.start(row.name, self._files.machine_file(row.name, row.version))
+            self.acquisition.start(row.name, self.files.machine_file(row.name, row.version))
         return row, made
 
     def set_acquisition(self, name: str, enabled: bool) -> None:
         """Start or stop acquiring a machine; ConflictError if its file names no bus or it is recorded."""
-        row = self._machines.get(name)
+        row = self.machines.get(name)
         if enabled:
-            path = self._files.machine_file(name, row.version)
+            path = self.files.machine_file(name, row.version)
             own = name == self.simulated
-            self._acquisition.check(path, own)
-            self._machines.set_acquire(name, True)
-            if name not in self._acquisition.names():
-                self._acquisition.start(name, path, own)
+            self.acquisition.check(path, own)
+            self.machines.set_acquire(name, True)
+            if name not in self.acquisition.names():
+                self.acquisition.start(name, path, own)
             return
-        recording = self._recorded(name)
+        recording = self.recorded(name)
         if recording is not None:
             refusal = ConflictError("server.machine_being_recorded", machine=name, recording=recording)
             raise refusal.about("being_recorded")
-        self._machines.set_acquire(name, False)
-        self._acquisition.stop(name)
+        self.machines.set_acquire(name, False)
+        self.acquisition.stop(name)

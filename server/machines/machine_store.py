@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
-from typing import Any, Unpack
+from typing import Annotated, Any
 
 import sqlalchemy as sa
 
-from server.platform.database.engine import Database, Page, page
-from server.platform.database.repository import ANY_TIME, Narrowing
+from server.platform.database.repository import Repository
 from server.platform.database.schema import metadata
+from server.platform.database.stored import BESIDE, Kept, Stored
 from server.platform.errors import ConflictError, NotFoundError
-from server.platform.http.bodies import Shown
 
 
-class MachineRow(Shown):
+class MachineRow(Stored, table="machine_versions", label="name", machine="name"):
     """One version of a machine; ``acquire`` and ``current`` (the newest version) are the machine's."""
 
-    name: str
-    version: int
-    current: int
+    name: Annotated[str, Kept(references="machines.name", key=True)]
+    version: Annotated[int, Kept(key=True)]
+    current: Annotated[int, BESIDE]
     sha256: str
     created: str
-    acquire: bool
+    acquire: Annotated[bool, BESIDE]
 
 
+machine_versions = MachineRow.table
 machines = sa.Table(
     "machines",
     metadata,
@@ -32,21 +32,16 @@ machines = sa.Table(
     sa.Column("version", sa.Integer, nullable=False),  # the current one
     sa.Column("acquire", sa.Boolean, nullable=False),  # whether acquisition should run
 )
-machine_versions = sa.Table(
-    "machine_versions",
-    metadata,
-    sa.Column("name", sa.String, sa.ForeignKey("machines.name"), primary_key=True),
-    sa.Column("version", sa.Integer, primary_key=True),
-    sa.Column("sha256", sa.String, nullable=False),
-    sa.Column("created", sa.String, nullable=False),
-)
 
 
-class Machines:
-    """Repository of machines."""
+class Machines(Repository[MachineRow]):
+    """Repository of machines; those that are listed are current versions, the machine added last first."""
 
-    def __init__(self, database: Database) -> None:
-        self._database = database
+    of = MachineRow
+
+    def selected(self) -> sa.Select[Any]:
+        """Select the current versions."""
+        return _versions().where(_is_current())
 
     def next_version(self, name: str, sha256: str) -> int | None:
         """Return the version that a file with this hash would get; None if it is the current one already.
@@ -91,29 +86,17 @@ class Machines:
             if version is None:
                 raise NotFoundError("server.no_machine_file", machine=name).about(machine=name)
             raise NotFoundError("server.no_machine_version", version=version, machine=name).about(machine=name)
-        return MachineRow.of(row)
+        return MachineRow.read(row)
 
     def versions(self, name: str) -> tuple[MachineRow, ...]:
         """List every version of a machine, newest first; empty if there is no such machine."""
         query = _versions().where(machines.c.name == name).order_by(machine_versions.c.version.desc())
         with self._database.read() as connection:
-            return tuple(MachineRow.of(row) for row in connection.execute(query))
-
-    def list(self, limit: int, after: int = 0, **narrowed: Unpack[Narrowing]) -> Page[MachineRow]:
-        """List current versions, the machine added last first."""
-        between, seen = narrowed.get("between", ANY_TIME), narrowed.get("machines")
-        query = between.narrowed(_versions().where(_is_current()), machine_versions.c.created, machines.c.name)
-        if seen is not None:
-            query = query.where(machines.c.name.in_(seen))
-        with self._database.read() as connection:
-            rows, cursor = page(connection, query, machines.c.number, limit, after)
-        return Page(tuple(MachineRow.of(row) for row in rows), cursor)
+            return self.values(connection, connection.execute(query).all())
 
     def acquiring(self) -> tuple[MachineRow, ...]:
         """List the machines whose acquisition should run."""
-        query = _versions().where(_is_current(), machines.c.acquire).order_by(machines.c.number)
-        with self._database.read() as connection:
-            return tuple(MachineRow.of(row) for row in connection.execute(query))
+        return self.all(machines.c.acquire)
 
     def set_acquire(self, name: str, acquire: bool) -> None:
         """Store whether acquisition should run (now and after a restart)."""

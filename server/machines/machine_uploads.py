@@ -8,11 +8,10 @@ import re
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from daq import Machine, parse_machine
+from daq.machine.machine_file import machine_content, parse_machine
 from daq.whole_files import write_whole
 from server.machines.inspect_machine import SHOWN_NAME
 from server.machines.machine_store import MachineRow, Machines
@@ -28,19 +27,6 @@ READING_S = 60.0
 KEPT = 64
 
 
-@dataclass(frozen=True)
-class ReadMachine:
-    """A machine file that was read: the machine's name, and all that it says, as JSON knows it."""
-
-    name: str
-    content: dict[str, Any]
-
-    @classmethod
-    def of(cls, machine: Machine) -> ReadMachine:
-        """Describe a machine that was read in this process."""
-        return cls(machine.name, machine.model_dump(mode="json", by_alias=True, exclude_none=True))
-
-
 class MachineReader:
     """Reads machine files, each in a process of its own."""
 
@@ -49,8 +35,8 @@ class MachineReader:
         self._children = children
         self._known: OrderedDict[Path, dict[str, Any]] = OrderedDict()
 
-    def read(self, text: bytes) -> ReadMachine:
-        """Read the text of a machine file.
+    def read(self, text: bytes) -> dict[str, Any]:
+        """Read the text of a machine file; all that it says, as JSON knows it.
 
         Raises
         ------
@@ -64,7 +50,7 @@ class MachineReader:
             source.write_bytes(text)
             result = self._children.run("server.machines.inspect_machine", source, target, log=log, timeout_s=READING_S)
             if result.outcome == "done":
-                return ReadMachine(result.summary["name"], json.loads(target.read_text(encoding="utf-8")))
+                return dict(json.loads(target.read_text(encoding="utf-8")))
         finally:
             source.unlink(missing_ok=True)
             target.unlink(missing_ok=True)
@@ -78,7 +64,7 @@ class MachineReader:
         """Return the content of a version that is stored; cached, since it never changes."""
         known = self.known(path)
         if known is None:
-            known = self.read(path.read_bytes()).content
+            known = self.read(path.read_bytes())
             self.keep(path, known)
         return known
 
@@ -137,24 +123,24 @@ class MachineUploads:
         ConflictError
             If it would change the ``protected`` machine.
         """
-        machine, digest = self._parsed(content, allowed, own)
+        name, machine, digest = self._parsed(content, allowed, own)
         with self._lock:
-            version = self._machines.next_version(machine.name, digest)
+            version = self._machines.next_version(name, digest)
             if expected is not None and version is not None and str(version - 1) not in expected:
                 known = " or ".join(sorted(expected))
                 raise PreconditionError(
-                    "server.machine_version_now_not", machine=machine.name, version=version - 1, known=known
+                    "server.machine_version_now_not", machine=name, version=version - 1, known=known
                 )
             if version is not None:
-                _refuse_protected(machine.name, protected)
+                _refuse_protected(name, protected)
             if version is not None or own:  # our own, the same machine as before the restart: its buses are elsewhere
-                current = version or self._machines.get(machine.name).version
-                path = self._files.machine_file(machine.name, current)
+                current = version or self._machines.get(name).version
+                path = self._files.machine_file(name, current)
                 write_whole(path, content)
-                self._reader.keep(path, machine.content)
+                self._reader.keep(path, machine)
             if version is not None:
-                self._machines.add(machine.name, version, digest, acquire=acquire)
-        return self._machines.get(machine.name), version is not None
+                self._machines.add(name, version, digest, acquire=acquire)
+        return self._machines.get(name), version is not None
 
     def check(self, content: bytes, allowed: Callable[[str], bool], protected: str | None = None) -> tuple[str, int]:
         """Check the text of a machine file; the machine's name, and the version that it would be.
@@ -163,19 +149,22 @@ class MachineUploads:
         ------
         What :meth:`add` raises for the same text.
         """
-        machine, digest = self._parsed(content, allowed)
-        version = self._machines.next_version(machine.name, digest)
+        name, _, digest = self._parsed(content, allowed)
+        version = self._machines.next_version(name, digest)
         if version is None:
-            return machine.name, self._machines.get(machine.name).version
-        _refuse_protected(machine.name, protected)
-        return machine.name, version
+            return name, self._machines.get(name).version
+        _refuse_protected(name, protected)
+        return name, version
 
-    def _parsed(self, content: bytes, allowed: Callable[[str], bool], own: bool = False) -> tuple[ReadMachine, str]:
-        """Parse a text's machine, and its SHA-256; one of our own without its buses' places in this run."""
-        machine = ReadMachine.of(parse_machine(content.decode())) if own else self._reader.read(content)
-        if not allowed(machine.name):
-            raise NotFoundError("server.no_machine_you", machine=machine.name)
-        return machine, hashlib.sha256(_ADDRESS.sub(b"", content) if own else content).hexdigest()
+    def _parsed(
+        self, content: bytes, allowed: Callable[[str], bool], own: bool = False
+    ) -> tuple[str, dict[str, Any], str]:
+        """Parse a text: the machine's name, all that it says, and its SHA-256, of our own without its buses' places."""
+        machine = machine_content(parse_machine(content.decode())) if own else self._reader.read(content)
+        name = str(machine["name"])
+        if not allowed(name):
+            raise NotFoundError("server.no_machine_you", machine=name)
+        return name, machine, hashlib.sha256(_ADDRESS.sub(b"", content) if own else content).hexdigest()
 
 
 def _refuse_protected(name: str, protected: str | None) -> None:

@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -51,38 +51,29 @@ class _Watch:
     reason: str | None = None
 
 
+@dataclass(eq=False)
 class Monitors:
     """All monitors of a service.
 
-    Parameters
+    Attributes
     ----------
     models : by what a calibration may be of, the file to watch by of what it was made of
     recalibrate : asked once when a drift begins, if given
     """
 
-    def __init__(
-        self,
-        calibrations: ByPolicy,
-        acquisition: Acquisition,
-        machines: Machines,
-        files: DataDirectory,
-        models: Mapping[Of, Callable[[str], Path]],
-        alarms: Alarms,
-        now: Callable[[], str],
-        *,
-        recalibrate: Recalibrate | None = None,
-        rules: Rules | None = None,
-    ) -> None:
-        self.recalibrate = recalibrate
-        self._calibrations = calibrations
-        self._acquisition = acquisition
-        self._machines = machines
-        self._files = files
-        self._models = models
-        self._directory = files.root / "monitor"
-        self._alarms = alarms
-        self._now = now
-        self._rules = rules or Rules()
+    calibrations: ByPolicy
+    acquisition: Acquisition
+    machines: Machines
+    files: DataDirectory
+    models: Mapping[Of, Callable[[str], Path]]
+    alarms: Alarms
+    now: Callable[[], str]
+    _: KW_ONLY
+    recalibrate: Recalibrate | None = None
+    rules: Rules = field(default_factory=Rules)
+
+    def __post_init__(self) -> None:
+        self._directory = self.files.root / "monitor"
         self._lock = threading.Lock()
         self._watches: dict[tuple[str, Of], _Watch] = {}
         # Machine -> calibration whose drift was reported: a monitor that starts again remembers it; once is enough.
@@ -116,13 +107,13 @@ class Monitors:
             return {"state": "learning", **common, **watch.found, **_because(None)}
 
     def _why_not(self, machine: str, of: Of) -> str:
-        if not self._acquisition.running(machine):
+        if not self.acquisition.running(machine):
             return Sentence("server.not_acquired_now")
         return Sentence("server.no_valves_in_use" if of == "valves" else "server.no_calibration_in_use")
 
     def look(self) -> None:
         """Start what should be watched, end what should not."""
-        keys = [(name, of) for name in self._acquisition.names() for of in self._models]
+        keys = [(name, of) for name in self.acquisition.names() for of in self.models]
         wanted = {key: found for key in keys if (found := self._wanted(*key)) is not None}
         with self._lock:
             gone = {k: w for k, w in self._watches.items() if wanted.get(k, (None,))[0] != (w.calibration, w.ring_name)}
@@ -131,22 +122,22 @@ class Monitors:
         for (machine, of), watch in gone.items():
             _end(watch)
             for kind in ALARMS[of]:
-                self._alarms.report(machine, kind, "", "info", False)
+                self.alarms.report(machine, kind, "", "info", False)
         for (machine, of), ((calibration, ring_name), model) in wanted.items():
             with self._lock:
                 current = self._watches.get((machine, of))
                 if current is not None and (current.ended is None or time.monotonic() - current.ended < PAUSE_S):
                     continue
-                watch = _Watch(calibration, ring_name, of, since=self._now())
+                watch = _Watch(calibration, ring_name, of, since=self.now())
                 self._watches[machine, of] = watch
-            row = self._machines.get(machine)
+            row = self.machines.get(machine)
             order = Order(
                 of=of,
                 model=model,
-                machine=self._files.machine_file(machine, row.version),
+                machine=self.files.machine_file(machine, row.version),
                 ring_name=ring_name,
                 memory=self._directory / f"{calibration}.json",
-                rules=self._rules,
+                rules=self.rules,
             )
             watch.thread = threading.Thread(
                 target=self._watch, args=(machine, watch, order), name=f"monitor-{machine}-{of}", daemon=True
@@ -155,14 +146,14 @@ class Monitors:
 
     def _wanted(self, machine: str, of: Of) -> tuple[tuple[str, str], Path] | None:
         """Return (calibration, ring) and the model behind them; None if there is nothing to watch."""
-        calibration = self._calibrations.active(machine, of)
+        calibration = self.calibrations.active(machine, of)
         if calibration is None:
             return None
         try:
-            _, feed = self._acquisition.feed(machine)
+            _, feed = self.acquisition.feed(machine)
         except HilfitError:
             return None
-        return (calibration.id, feed.ring_name), self._models[of](calibration.source)
+        return (calibration.id, feed.ring_name), self.models[of](calibration.source)
 
     def _watch(self, machine: str, watch: _Watch, order: Order) -> None:
         path = self._directory / f"{watch.calibration}.order"
@@ -175,7 +166,7 @@ class Monitors:
                 progress=lambda _, text: self._received(machine, watch, json.loads(text)),
                 should_stop=watch.stop.is_set,
             )
-            reason = (result.error or Sentence("server.acquisition_ended")).replace(f"{self._files.root}/", "")
+            reason = (result.error or Sentence("server.acquisition_ended")).replace(f"{self.files.root}/", "")
         except Exception as error:
             _log.error("monitor_failed", machine=machine, exc_info=error)
             reason = Sentence("server.monitor_failed_unexpectedly")
@@ -183,7 +174,7 @@ class Monitors:
             watch.reason, watch.ended = reason, time.monotonic()
         if not watch.stop.is_set():
             for kind in ALARMS[watch.of][1:]:
-                self._alarms.report(machine, kind, "", "info", False)  # nobody looks any more
+                self.alarms.report(machine, kind, "", "info", False)  # nobody looks any more
             _log.warning("monitor_ended", machine=machine, reason=reason)
 
     def _received(self, machine: str, watch: _Watch, found: dict[str, Any]) -> None:
@@ -200,13 +191,13 @@ class Monitors:
             before = watch.found.get("state", "learning")
             watch.found = {key: watch.found[key] for key in _LASTING if key in watch.found} | found
             if found["state"] != before:
-                watch.since = self._now()
+                watch.since = self.now()
         if watch.stop.is_set():
             return
         worst = [joint for joint in found["joints"] if joint["joint"] in drifting]
         moved = [named(joint["joint"], words) for joint in worst for words in changed(watch.of, joint)]
         text = Sentence(DRIFTS[watch.of], moved=moved)
-        self._alarms.report(machine, ALARMS[watch.of][0], text, "warning", bool(drifting))
+        self.alarms.report(machine, ALARMS[watch.of][0], text, "warning", bool(drifting))
         if watch.of == "valves":
             return
         if found["state"] == "watching":
@@ -216,13 +207,13 @@ class Monitors:
             try:
                 self.recalibrate(machine, text)
             except HilfitError as error:
-                self._alarms.report(machine, "recalibration_failed", str(error), "warning", True)
+                self.alarms.report(machine, "recalibration_failed", str(error), "warning", True)
 
     def _received_overload(self, machine: str, watch: _Watch, hit: dict[str, Any]) -> None:
         with self._lock:
             watch.found["overload"] = hit if hit["on"] else None
         if not watch.stop.is_set():
-            self._alarms.report(machine, "overload", _as_text(hit) if hit["on"] else "", "critical", hit["on"])
+            self.alarms.report(machine, "overload", _as_text(hit) if hit["on"] else "", "critical", hit["on"])
 
 
 def _because(reason: str | None) -> dict[str, Any]:

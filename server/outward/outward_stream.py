@@ -10,6 +10,7 @@ import asyncio
 import secrets
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import sqlalchemy as sa
@@ -75,30 +76,24 @@ def alarm_message(id: str, alarm: Mapping[str, Any], time: str) -> Message:
     return Message(id, "alarm", alarm["machine"], time, data)
 
 
+@dataclass(eq=False)
 class OutwardStream:
     """The reading thread.
 
-    Parameters
+    Attributes
     ----------
     deliver : stores the deliveries of webhooks in a transaction; what to call once it is committed
     resume : lets deliveries go on that were stored and may not have been sent
     """
 
-    def __init__(
-        self,
-        database: Database,
-        changes: Changes,
-        reader: MessageReader,
-        states: Acquisition,
-        deliver: Callable[[sa.Connection, Sequence[Message]], Callable[[], object]],
-        resume: Callable[[], object],
-    ) -> None:
-        self._database = database
-        self._changes = changes
-        self._reader = reader
-        self._states = states
-        self._deliver = deliver
-        self._resume = resume
+    database: Database
+    changes: Changes
+    reader: MessageReader
+    states: Acquisition
+    deliver: Callable[[sa.Connection, Sequence[Message]], Callable[[], object]]
+    resume: Callable[[], object]
+
+    def __post_init__(self) -> None:
         self._sinks: tuple[Sink, ...] = ()
         self._known: Mapping[str, StateData] = {}
         self._stop = threading.Event()
@@ -113,18 +108,18 @@ class OutwardStream:
     def stop(self) -> None:
         """Stop reading; also if it never started."""
         self._stop.set()
-        self._changes.notify()
+        self.changes.notify()
         if self._thread.is_alive():
             self._thread.join()
 
     def _run(self) -> None:
         behind = True
         while not self._stop.is_set():
-            number = self._changes.number
+            number = self.changes.number
             more = False
             try:
                 if behind:
-                    self._resume()
+                    self.resume()
                 behind = False
                 self.look_at_states()
                 more = self.look_at_outbox() == MOST
@@ -132,42 +127,42 @@ class OutwardStream:
                 behind = True
                 _log.error("outward_look_failed", exc_info=error)
             self._stop.wait(LEAST_S)
-            if not more and not self._stop.is_set() and not self._changes.closed:
-                asyncio.run(self._changes.wait(number, POLL_S))
+            if not more and not self._stop.is_set() and not self.changes.closed:
+                asyncio.run(self.changes.wait(number, POLL_S))
 
     def look_at_states(self) -> None:
         """Send what changed of acquisition since the last look."""
-        found = {name: self._state(name) for name in self._states.names()}
+        found = {name: self._state(name) for name in self.states.names()}
         now = found | {name: StateData("off") for name in self._known if name not in found}
         changed = {name: state for name, state in now.items() if self._known.get(name) != state}
         self._known = now
-        time = self._database.now()
+        time = self.database.now()
         self._give(
             Message(f"msg-{secrets.token_hex(12)}", "state", name, time, state) for name, state in changed.items()
         )
 
     def _state(self, name: str) -> StateData:
-        statistics = self._states.statistics(name)
+        statistics = self.states.statistics(name)
         return StateData(statistics["state"], statistics.get("error"), statistics.get("error_message"))
 
     def look_at_outbox(self) -> int:
         """Send what is in the outbox, the oldest first; return their number."""
         query = sa.select(outbox).order_by(outbox.c.number).limit(MOST)
-        with self._database.read() as connection:
+        with self.database.read() as connection:
             rows = connection.execute(query).all()
         if not rows:
             return 0
         messages = [message for row in rows if (message := self._made(row)) is not None]
         self._give(messages)
-        with self._database.write() as connection:  # who follows a webhook hears of its tries
-            committed = self._deliver(connection, messages)
+        with self.database.write() as connection:  # who follows a webhook hears of its tries
+            committed = self.deliver(connection, messages)
             connection.execute(outbox.delete().where(outbox.c.number <= rows[-1].number))
         committed()
         return len(rows)
 
     def _made(self, row: Any) -> Message | None:
         try:
-            return self._reader.message(row)
+            return self.reader.message(row)
         except (HilfitError, LookupError) as error:  # what it is about was deleted; the others have to go on
             _log.error("outward_not_said", message=row.id, exc_info=error)
             return None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from daq import load_machine
 from daq.errors import HilfitError
 from server.excitations.excitation_job import ExcitationKind, MotionDelivery
@@ -16,39 +18,34 @@ from server.recordings.recording_sessions import Sessions
 from server.recordings.recording_store import RecordingRow
 
 
+@dataclass(eq=False)
 class Site:
     """The machines of one service."""
 
-    def __init__(
-        self,
-        database: Database,
-        files: DataDirectory,
-        sessions: Sessions,
-        excitations: ExcitationKind,
-        delivery: MotionDelivery,
-    ) -> None:
-        self._database = database
-        self._files = files
-        self._sessions = sessions
-        self._designs = excitations
-        self._delivery = delivery
-        self._machines = Machines(database)
-        self._excitations = Excitations(database)
+    database: Database
+    files: DataDirectory
+    sessions: Sessions
+    designs: ExcitationKind
+    delivery: MotionDelivery
+
+    def __post_init__(self) -> None:
+        self._machines = Machines(self.database)
+        self._excitations = Excitations(self.database)
 
     def start_recording(self, machine: str, role: str, label: str, seconds: float) -> RecordingRow:
         """Start recording."""
-        return self._sessions.start(machine, role, label, seconds)
+        return self.sessions.start(machine, role, label, seconds)
 
     def stop_recording(self, id: str) -> None:
         """Stop a recording; one that ended meanwhile is left as it is."""
         try:
-            self._sessions.stop(id)
+            self.sessions.stop(id)
         except ConflictError:
             return
 
     def controller(self, machine: str) -> SimulatedController | None:
         """Return the simulated machine's controller; None: a real machine."""
-        return self._delivery.controller(machine)
+        return self.delivery.controller(machine)
 
     def motion_seconds(self, excitation: str) -> float:
         """Return the length of a designed motion, s."""
@@ -57,19 +54,19 @@ class Site:
 
         try:
             self._excitations.get(excitation)
-            return read_motion(self._designs.motion(excitation)).seconds
+            return read_motion(self.designs.motion(excitation)).seconds
         except HilfitError as error:
-            text = str(error).replace(f"{self._files.root}/", "")
+            text = str(error).replace(f"{self.files.root}/", "")
             raise JobError("server.design_excitation_first_name", text=text) from None
 
     def rate_hz(self, machine: str) -> float:
         """Return cycles a second."""
         row = self._machines.get(machine)
-        return load_machine(self._files.machine_file(machine, row.version)).rate_hz
+        return load_machine(self.files.machine_file(machine, row.version)).rate_hz
 
     def now(self) -> str:
         """Return the time as the store writes it."""
-        return self._database.now()
+        return self.database.now()
 
     def ready(self, machine: str) -> None:
         """Raise ConflictError if a machine is not being acquired: no slot can do anything then."""

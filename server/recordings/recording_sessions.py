@@ -82,24 +82,19 @@ class _Session:
     statistics: dict[str, Any] = field(default_factory=dict)
 
 
+@dataclass(eq=False)
 class Sessions:
     """All recordings in progress."""
 
-    def __init__(
-        self,
-        database: Database,
-        files: DataDirectory,
-        acquisition: Acquisition,
-        recorder: Recorder,
-        free: Free = lambda: sys.maxsize,
-    ) -> None:
-        self._database = database
-        self._recordings = Recordings(database)
-        self._machines = Machines(database)
-        self._files = files
-        self._acquisition = acquisition
-        self._recorder = recorder
-        self._free = free
+    database: Database
+    files: DataDirectory
+    acquisition: Acquisition
+    recorder: Recorder
+    free: Free = lambda: sys.maxsize
+
+    def __post_init__(self) -> None:
+        self._recordings = Recordings(self.database)
+        self._machines = Machines(self.database)
         self._lock = threading.Lock()
         self._patience = Patience(threading.Event())
         self._sessions: dict[str, _Session] = {}
@@ -113,8 +108,8 @@ class Sessions:
             If there is no such machine, it is not acquired, or it is being recorded already.
         """
         row = self._machines.get(machine)
-        require_room(self._free())
-        content, feed = self._acquisition.feed(machine)
+        require_room(self.free())
+        content, feed = self.acquisition.feed(machine)
         recording = RecordingRow(
             id=f"rec-{secrets.token_hex(8)}",
             machine=machine,
@@ -124,7 +119,7 @@ class Sessions:
             state="recording",
             origin="recorded",
             format="parquet",
-            created=self._database.now(),
+            created=self.database.now(),
         )
         self._recordings.add(recording)
         stop = threading.Event()
@@ -187,7 +182,7 @@ class Sessions:
 
     def recover(self) -> None:
         """Seal what a killed server was recording; called before anything is recorded."""
-        rows = self._recorder.recover(self._files.recordings)
+        rows = self.recorder.recover(self.files.recordings)
         for row in self._recordings.list(500, state="recording").items:
             path = self._path(row.id)
             if path.is_file():
@@ -199,12 +194,12 @@ class Sessions:
             else:
                 self._recordings.fail(row.id, "the service ended before anything was recorded; record it again")
         known = self._recordings.ids()
-        unnamed = [path.name for path in self._files.recordings.glob("rec-*") if path.name.split(".")[0] not in known]
+        unnamed = [path.name for path in self.files.recordings.glob("rec-*") if path.name.split(".")[0] not in known]
         if unnamed:  # whole files, of uploads that were killed before the store knew them: somebody's data
             _log.warning("recordings_without_a_name", files=sorted(unnamed), do="upload them again, or delete them")
 
     def _path(self, id: str) -> Path:
-        return self._files.recordings / f"{id}.parquet"
+        return self.files.recordings / f"{id}.parquet"
 
     def _run(self, id: str, work: Callable[[], None]) -> None:
         try:
@@ -224,7 +219,7 @@ class Sessions:
 
     def _record(self, id: str, order: RecordOrder) -> None:
         try:
-            statistics = self._recorder.record(order)
+            statistics = self.recorder.record(order)
         except StorageError as error:
             statistics = self._sealed_later(order.path, error) | {"ended_early": self._without_place(error)}
         self._seal(id, order.path, statistics)
@@ -236,11 +231,11 @@ class Sessions:
     def _sealed_later(self, path: Path, error: StorageError) -> dict[str, Any]:
         """Seal a journal as soon as there is room; raises ``error`` if that is not what is wrong with it."""
         while journal_path(path).is_file():
-            before = self._free()
-            rows = self._recorder.recover(path.parent)
+            before = self.free()
+            rows = self.recorder.recover(path.parent)
             if path.is_file():
                 return {"rows": rows.get(path) or pyarrow.parquet.read_metadata(path).num_rows}
-            if min(before, self._free()) > ROOM_BYTES:
+            if min(before, self.free()) > ROOM_BYTES:
                 break
             self._patience.pause(PAUSE_S)
         raise error
@@ -251,7 +246,7 @@ class Sessions:
         _log.info("recording_sealed", recording=id)
 
     def _without_place(self, error: HilfitError) -> str:
-        return str(error).replace(f"{self._files.recordings}/", "")
+        return str(error).replace(f"{self.files.recordings}/", "")
 
     def _fail(self, id: str, error: HilfitError) -> None:
         text = self._without_place(error)

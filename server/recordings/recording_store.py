@@ -68,9 +68,9 @@ class Recordings(Repository[RecordingRow]):
         """Seal it: the file is whole."""
         self._end(id, {"state": "sealed", "bytes": bytes, "sha256": sha256, "statistics": statistics})
 
-    def fail(self, id: str, error: str, statistics: dict[str, Any] | None = None) -> None:
+    def fail(self, id: str, error: str) -> None:
         """Fail it: there will be no usable file; ``error`` is the reason in one line."""
-        self._end(id, {"state": "failed", "error": error, "statistics": statistics or {}})
+        self._end(id, {"state": "failed", "error": error, "statistics": {}})
 
     def _end(self, id: str, values: dict[str, Any]) -> None:
         with self._database.write("recordings") as connection:

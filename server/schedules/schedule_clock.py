@@ -8,7 +8,7 @@ because the service was off or the machine was still being recalibrated, have it
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 
 import structlog
@@ -33,28 +33,24 @@ _TOGETHER = Sentence("server.had_its_turn_together")
 _log = structlog.stdlib.get_logger(__name__)
 
 
+@dataclass(eq=False)
 class ScheduleClock:
     """Orders recalibrations: by the clock, by hand, and because a residual drifts.
 
-    Parameters
+    Attributes
     ----------
     enqueue : queues a stored job
     ready : raises HilfitError where a machine cannot be recalibrated now; the slot is missed then
     now : UTC; a schedule's first slot is after it, and every slot is due by it
     """
 
-    def __init__(
-        self,
-        database: Database,
-        enqueue: Callable[[str], None],
-        ready: Callable[[str], None],
-        now: Callable[[], datetime],
-    ) -> None:
-        self._database = database
-        self._schedules = Schedules(database)
-        self._enqueue = enqueue
-        self._ready = ready
-        self.now = now
+    database: Database
+    enqueue: Callable[[str], None]
+    ready: Callable[[str], None]
+    now: Callable[[], datetime]
+
+    def __post_init__(self) -> None:
+        self._schedules = Schedules(self.database)
         self.rounds = Rounds("schedules", LOOK_S, self.look, at_once=True)
 
     def look(self) -> tuple[str, ...]:
@@ -76,12 +72,12 @@ class ScheduleClock:
             return None
         written = [as_stored(slot) for slot in due]
         try:
-            self._ready(schedule.machine)
+            self.ready(schedule.machine)
         except HilfitError as error:
             self._schedules.claim(schedule, written, None, (str(error), _TOGETHER))
             _log.warning("slot_missed", schedule=schedule.id, slot=written[-1], reason=str(error))
             return None
-        new = new_recalibration(schedule.machine, schedule.id, schedule.label, schedule.plan, self._database.now())
+        new = new_recalibration(schedule.machine, schedule.id, schedule.label, schedule.plan, self.database.now())
         note = Sentence("server.stands_for_earlier", count=len(due) - 1) if len(due) > 1 else ""
         try:
             if not self._schedules.claim(schedule, written, new, (note, _TOGETHER)):
@@ -89,7 +85,7 @@ class ScheduleClock:
         except ConflictError:  # somebody ordered one by hand at this moment
             return None
         # If we are killed here, the job is stored and is queued at the next start.
-        self._enqueue(new.job)
+        self.enqueue(new.job)
         _log.info("slot_ordered", schedule=schedule.id, slot=written[-1], job=new.job)
         return new.job
 
@@ -100,12 +96,12 @@ class ScheduleClock:
         ----------
         by : the person who orders it
         """
-        self._ready(schedule.machine)
+        self.ready(schedule.machine)
         plan = replace(schedule.plan, ordered_by=None if by is None else (by.id, by.name))
-        now = self._database.now()
+        now = self.database.now()
         new = new_recalibration(schedule.machine, schedule.id, schedule.label, plan, now)
         self._schedules.order(new)
-        self._enqueue(new.job)
+        self.enqueue(new.job)
         return new.job
 
     def order_drifted(self, machine: str, reason: str) -> None:

@@ -14,16 +14,14 @@ from pydantic import Field
 
 from fitting.pipeline.stage_names import INVERSES, VALVE_REPORT, VALVE_STAGE
 from server.identifications.identification_job import StageProgram, fitting_program
-from server.identifications.identification_order import Wish
-from server.identifications.identification_resource import ORDER_EXAMPLE, RecordingChoices
+from server.identifications.identification_resource import FitOrder
 from server.jobs.job_places import named_results
 from server.jobs.job_runner import JobRunner
 from server.platform.authorization.guard import TypedRoute, require
-from server.platform.authorization.named_things import MachineName
 from server.platform.database.engine import Database
 from server.platform.errors import NotFoundError
 from server.platform.files import DataDirectory
-from server.platform.http.bodies import Body, Flag, Label, Listed
+from server.platform.http.bodies import Body, Flag, Listed
 from server.platform.http.route_parameters import Idempotency, MachineQuery, PageDep, ServiceDep, problems, sends
 from server.platform.resource import BackedUp, PartName, Resource
 from server.valves.valve_fits import ValveFit, ValveFits, ValveKind, ValveOrders, ValveResults, valve_recordings, valves
@@ -36,13 +34,10 @@ class ValveOptions(Body):
     bandwidth_hz: Annotated[float, Field(gt=0)] | None = None
 
 
-class ValveOrder(Body, json_schema_extra=ORDER_EXAMPLE):
+class ValveOrder(FitOrder):
     """Whose valves to identify, from recordings with commands; those in the role ``validate`` are judged on."""
 
-    machine: MachineName
-    recordings: RecordingChoices
     options: ValveOptions = ValveOptions()
-    label: Label = ""
 
 
 class ValveResource(ValveFit):
@@ -64,12 +59,7 @@ async def order(
     body: ValveOrder, response: Response, service: ServiceDep, idempotency_key: Idempotency = None
 ) -> ValveResource:
     """Order an identification of valves: its job is at ``Location``; one ``Idempotency-Key`` makes one job."""
-    recordings = tuple((choice.id, choice.role) for choice in body.recordings)
-    wish = Wish(body.machine, recordings, body.options.model_dump(), body.label)
-    # Shared storage may have to be filled first, and may be far away.
-    made = await service.heavy.aside(service[ValveOrders].order, wish, idempotency_key)
-    response.headers["Location"] = f"/api/v1/jobs/{made.job}"
-    return ValveResource.of(made)
+    return ValveResource.of(await body.taken(service, ValveOrders, response, idempotency_key))
 
 
 @router.get("", responses=problems(422), dependencies=[require("read")])

@@ -23,7 +23,7 @@ from service_fakes import ANY_PLACE, FakeFeed, Fakes, children_as_important_as_t
 
 from daq import Machine
 from daq.acquisition.ring import RingWriter, ring_buffer
-from daq.frames.frame import Frame, row_dtype, row_from_frame
+from daq.frames.frame import Frame, row_dtype
 from server.composition.serve import serve
 from server.platform.settings import Settings
 
@@ -64,7 +64,7 @@ class MovingFeed(FakeFeed):
                 ages=np.array([0.001, 0.001 + now - last]),
                 quality=np.array([FRESH, STALE if stale else FRESH], dtype=np.uint8),
             )
-            writer.write(row_from_frame(frame))
+            writer.write(frame)
             cycle += 1
         writer.close()
 

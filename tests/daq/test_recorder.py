@@ -21,7 +21,7 @@ from daq.acquisition.journal import Journal, journal_path, recover
 from daq.acquisition.recorder import Recorder
 from daq.acquisition.ring import RingWriter, ring_buffer
 from daq.frames.channels import channel_table
-from daq.frames.frame import Frame, row_from_frame
+from daq.frames.frame import Frame
 from daq.recordings.recording import recording_table
 from daq.recordings.recording_files import Table, read_table
 
@@ -50,7 +50,7 @@ class Feed:
 
     def write(self, count: int, quality: int = Quality.FRESH) -> None:
         for _ in range(count):
-            self.writer.write(row_from_frame(frame(self.cycle, quality)))
+            self.writer.write(frame(self.cycle, quality))
             self.cycle += 1
 
 
@@ -110,7 +110,7 @@ def sealed(feed: Feed, path: Path, cycles: list[int], quality: int = Quality.FRE
     recorder.start(progress=lambda rows, total: started.set())
     assert started.wait(30)  # it follows the ring from its first look on
     for cycle in cycles:
-        feed.writer.write(row_from_frame(frame(cycle, quality)))
+        feed.writer.write(frame(cycle, quality))
     recorder.stop()
     return read_table(path)
 

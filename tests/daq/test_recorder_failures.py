@@ -273,7 +273,7 @@ def recorded(name: str, writer: RingWriter, frames: list[Frame], path: Path, inf
     recorder.start(progress=lambda rows, total: started.set())
     assert started.wait(30)
     for one in frames:
-        writer.write(row_from_frame(one))
+        writer.write(one)
     if info is not None:
         writer.set_info(info)
     return recorder.stop()

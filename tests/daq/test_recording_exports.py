@@ -18,7 +18,7 @@ from scipy.io import loadmat
 from sound_recordings import ROWS, Columns, motion
 
 from daq import parse_machine, read_recording, write_recording
-from daq.formats.mat import LONGEST, variables
+from daq.recordings.recording_exports import LONGEST, variables
 from daq.recordings.recording_files import read_table
 from server.commands.command_line import main
 

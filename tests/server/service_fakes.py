@@ -24,7 +24,7 @@ from daq import Machine, parse_machine, write_recording
 from daq.acquisition.acquisition import AcquisitionStatistics
 from daq.acquisition.ring import RingWriter, ring_buffer
 from daq.errors import AcquisitionError
-from daq.frames.frame import Frame, row_dtype, row_from_frame
+from daq.frames.frame import Frame, row_dtype
 from server.composition.app import create_app
 from server.composition.declarations import RESOURCES
 from server.identifications.identification_job import StageProgram
@@ -104,7 +104,7 @@ class FakeFeed:
             ages=np.array([0.001, np.nan]),
             quality=np.array([0, 2], dtype=np.uint8),
         )
-        writer.write(row_from_frame(frame))
+        writer.write(frame)
         writer.close()
 
     def check(self) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Collection, Iterable, MutableMapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from daq.drivers.base import DriverContext
 from daq.drivers.bus_driver import Keeper
@@ -118,38 +118,33 @@ class Start:
             return frozenset(self._untried)
 
 
+@dataclass(eq=False)
 class NodeCare:
     """Takes care of one node of a bus.
 
-    Parameters
+    Attributes
     ----------
     node : whose state it changes
     bus : name of its bus
     counts, lead, start : of the bus, shared by all its nodes
     """
 
-    def __init__(
-        self,
-        node: Node,
-        bus: str,
-        context: DriverContext,
-        counts: MutableMapping[str, int],
-        lead: Lead,
-        start: Start,
-    ) -> None:
-        self.node = node
-        self._bus = bus
-        self._context = context
-        self._counts = counts
-        self._lead = lead
-        self._start = start
-        self.keeper = Keeper(f"keeper-{bus}-{node.config.node}", self._care, self._broke, context.monotonic_ns)
+    node: Node
+    bus: str
+    context: DriverContext
+    counts: MutableMapping[str, int]
+    lead: Lead
+    start: Start
+
+    def __post_init__(self) -> None:
+        name = f"keeper-{self.bus}-{self.node.config.node}"
+        self.keeper = Keeper(name, self._care, self._broke, self.context.monotonic_ns)
 
     def verify(self) -> None:
         """Check that each of the node's TPDOs came: it runs; else it failed, and is tried again."""
         node = self.node
         if node.complete():
-            self._counts["commissioned"] += 1
+            self.counts["commissioned"] += 1
             self.keeper.settled()
             node.back()
             node.to_be_asked = True
@@ -160,7 +155,7 @@ class NodeCare:
             node.short()
             or Sentence(
                 "daq.not_come_within_syncs", place=node.place, missing=", ".join(missing), verify_cycles=VERIFY_CYCLES
-            ),
+            )
         )
 
     def failed(self, detail: str) -> None:
@@ -170,17 +165,17 @@ class NodeCare:
         self.keeper.later()
 
     def _broke(self, error: Exception) -> None:
-        self._counts["keeper_broke"] += 1
+        self.counts["keeper_broke"] += 1
         self.failed(
             Sentence(
                 "daq.commissioning_broke", place=self.node.place, name=type(error).__name__, error=first_line(error)
             )
         )
-        self._start.tried(self.node.config.node)
+        self.start.tried(self.node.config.node)
 
     def _care(self) -> None:
         node = self.node
-        link = self._lead.working_link()
+        link = self.lead.working_link()
         if link is None:
             return  # the keeper of the bus hands it over again
         if node.state == "running":  # one that was silent may be back by itself
@@ -190,7 +185,7 @@ class NodeCare:
                 self._ask(link)
             return
         done = self._commission(link)
-        if not self._start.tried(node.config.node) and done:
+        if not self.start.tried(node.config.node) and done:
             self._await_tpdos()
             self.verify()
 
@@ -209,9 +204,9 @@ class NodeCare:
                 node.config,
                 node.mappings,
                 node.place,
-                monotonic_ns=self._context.monotonic_ns,
+                monotonic_ns=self.context.monotonic_ns,
                 answered=node.accept_boot_ups,
-                boot_up_s=node.config.boot_up_s if self._start.under_way else 0.0,
+                boot_up_s=node.config.boot_up_s if self.start.under_way else 0.0,
                 keep=lambda found, wrote, identity: self._keep(FoundSetup(found, wrote, identity)),
                 learn=node.learn,
             )
@@ -222,9 +217,9 @@ class NodeCare:
 
     def _keep(self, setup: FoundSetup) -> None:
         """Keep a node's settings before it is changed."""
-        if self._context.found is not None:
+        if self.context.found is not None:
             state = -1 if self.node.found_state is None else self.node.found_state
-            self._context.found.keep(self._bus, self.node.config.node, replace(setup, state=state))
+            self.context.found.keep(self.bus, self.node.config.node, replace(setup, state=state))
 
     def _ask(self, link: CanLink) -> None:
         """Ask a running node about itself. A node that does not answer this goes on all the same."""
@@ -236,18 +231,18 @@ class NodeCare:
             node.objects = {}
 
     def _command(self, link: CanLink, command: int) -> None:
-        self._lead.command(link, self.node, command, behind_sync=not self._start.under_way)
+        self.lead.command(link, self.node, command, behind_sync=not self.start.under_way)
 
     def _await_tpdos(self) -> None:
-        deadline = time.monotonic() + VERIFY_CYCLES * self._context.period_s + VERIFY_PATIENCE_S
+        deadline = time.monotonic() + VERIFY_CYCLES * self.context.period_s + VERIFY_PATIENCE_S
         while not self.node.complete() and time.monotonic() < deadline and not self.keeper.stopping:
-            time.sleep(self._context.period_s / 4)
+            time.sleep(self.context.period_s / 4)
 
     def _start_anew(self, link: CanLink) -> None:
         """Stop and start a node, so that its answers and our SYNCs are counted from one point."""
         node = self.node
         self._command(link, PRE_OPERATIONAL)
-        time.sleep(UNDER_WAY * self._context.period_s)
+        time.sleep(UNDER_WAY * self.context.period_s)
         try:
             link.sdo(node.config.node).read(0x1000)  # what it sent before this answer has come
         except AcquisitionError as error:
@@ -255,9 +250,9 @@ class NodeCare:
             return
         self._command(link, OPERATIONAL)
         self._await_tpdos()
-        self._counts["started_anew"] += 1
+        self.counts["started_anew"] += 1
         arrivals = [tpdo.latest for tpdo in node.tpdos if tpdo.latest is not None]
         # Only one SYNC was unanswered when these were sent: what is late now is late, and not the count wrong.
-        node.slow = any(a.during > a.cycle or a.at_ns - a.sync_ns > self._context.late_ns for a in arrivals)
+        node.slow = any(a.during > a.cycle or a.at_ns - a.sync_ns > self.context.late_ns for a in arrivals)
         node.late_run = node.behind_run = 0
         node.starting_anew = False

@@ -179,6 +179,4 @@ class Look:
             node.starting_anew = True
             care.keeper.soon()
         elif node.surplus_run >= SURPLUS_TOLERATED:
-            care.failed(
-                Sentence("daq.more_tpdos_syncs_two", place=node.place),
-            )
+            care.failed(Sentence("daq.more_tpdos_syncs_two", place=node.place))

@@ -328,7 +328,7 @@ def _count(connection: sa.Connection, resource: str) -> int:
 
 
 def page(
-    connection: sa.Connection, query: sa.Select[Any], number: sa.Column[int], limit: int, after: int
+    connection: sa.Connection, query: sa.Select[Any], number: sa.ColumnElement[int], limit: int, after: int
 ) -> tuple[Sequence[sa.Row[Any]], int | None]:
     """Return newest first; ``after`` is the cursor of a page before (0: from the start)."""
     if after:

@@ -12,6 +12,13 @@ from collections.abc import Callable, Mapping
 import sqlalchemy as sa
 
 
+def _add(connection: sa.Connection, table: str, column: str, kind: str) -> None:
+    """Add a column to a table that is there without it; a table that is not is made now, with it."""
+    inspector = sa.inspect(connection)
+    if inspector.has_table(table) and column not in {known["name"] for known in inspector.get_columns(table)}:
+        connection.exec_driver_sql(f"ALTER TABLE {table} ADD COLUMN {column} {kind}")
+
+
 def _to_2(connection: sa.Connection) -> None:
     """Let an idempotency key have made anything, not only an identification."""
     for statement in (
@@ -53,11 +60,8 @@ def _to_4(connection: sa.Connection) -> None:
 
 def _to_5(connection: sa.Connection) -> None:
     """Let tokens expire; those that there are do not."""
-    for table, column in (("principals", "expires VARCHAR"), ("pairing_codes", "days INTEGER")):
-        inspector = sa.inspect(connection)
-        there = inspector.has_table(table)  # else it is made now, with that column
-        if there and column.split()[0] not in {known["name"] for known in inspector.get_columns(table)}:
-            connection.exec_driver_sql(f"ALTER TABLE {table} ADD COLUMN {column}")
+    _add(connection, "principals", "expires", "VARCHAR")
+    _add(connection, "pairing_codes", "days", "INTEGER")
 
 
 def _to_6(connection: sa.Connection) -> None:
@@ -89,16 +93,10 @@ def _to_6(connection: sa.Connection) -> None:
 
 def _to_7(connection: sa.Connection) -> None:
     """Keep what sentences were made of beside them; those that there are stay in English."""
-    inspector = sa.inspect(connection)
-    for column in (
-        *("jobs.text", "jobs.error", "job_events.text", "alarms.text", "recordings.error"),
-        "webhook_deliveries.error",
-        "schedule_slots.note",
-    ):
+    texts = ("jobs.text", "jobs.error", "job_events.text", "alarms.text", "recordings.error")
+    for column in (*texts, "webhook_deliveries.error", "schedule_slots.note"):
         table, text = column.split(".")
-        there = inspector.has_table(table)  # else it is made now, with that column
-        if there and f"{text}_message" not in {known["name"] for known in inspector.get_columns(table)}:
-            connection.exec_driver_sql(f"ALTER TABLE {table} ADD COLUMN {text}_message JSON")
+        _add(connection, table, f"{text}_message", "JSON")
 
 
 #: Per version, the step to the next one.

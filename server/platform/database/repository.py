@@ -25,7 +25,9 @@ class Between:
     until: datetime | None = None
     labelled: str = ""
 
-    def narrowed(self, query: sa.Select[Any], created: sa.Column[str], label: sa.Column[str]) -> sa.Select[Any]:
+    def narrowed(
+        self, query: sa.Select[Any], created: sa.ColumnElement[str], label: sa.ColumnElement[str]
+    ) -> sa.Select[Any]:
         """Narrow the query; times are stored as text that sorts."""
         if self.since is not None:
             query = query.where(created >= as_stored(self.since))
@@ -78,10 +80,14 @@ class Repository(Generic[Value]):
             raise NotFoundError(none_of(self.of.noun, id)).about(**{self.of.table.name.removesuffix("s"): id})
         return self.values(connection, rows)[0]
 
+    def selected(self) -> sa.Select[Any]:
+        """Select what is listed, each with its ``number``: the rows of the table."""
+        return sa.select(self.of.table)
+
     def all(self, *where: sa.ColumnElement[bool], newest: int | None = None) -> tuple[Value, ...]:
         """List all of which something holds, oldest first; of the ``newest`` so many, newest first."""
-        number = self.of.table.c.number
-        query = sa.select(self.of.table).where(*where)
+        query = self.selected().where(*where)
+        number = query.selected_columns["number"]
         query = query.order_by(number) if newest is None else query.order_by(number.desc()).limit(newest)
         with self._database.read() as connection:
             return self.values(connection, connection.execute(query).all())
@@ -89,18 +95,18 @@ class Repository(Generic[Value]):
     def list(self, limit: int, after: int = 0, **narrowed: Unpack[Narrowing]) -> Page[Value]:
         """List newest first, narrowed to what is given.
 
-        What counts as time and label of a row are the columns that its declaration names, else ``created`` and
-        ``label``.
+        What counts as time, label and machine of a row are the columns that its declaration names, else ``created``,
+        ``label`` and ``machine``.
         """
-        table, columns = self.of.table, dict[str, Any](narrowed)
+        query, named, columns = self.selected(), self.of.table.info, dict[str, Any](narrowed)
+        own = query.selected_columns
         between, seen = columns.pop("between", ANY_TIME), columns.pop("machines", None)
-        created, label = (table.c[table.info.get(name, name)] for name in ("created", "label"))
-        query = between.narrowed(sa.select(table), created, label)
+        query = between.narrowed(query, own[named.get("created", "created")], own[named.get("label", "label")])
         if seen is not None:
-            query = query.where(table.c.machine.in_(seen))
-        query = query.where(*(table.c[name] == wanted for name, wanted in columns.items() if wanted is not None))
+            query = query.where(own[named.get("machine", "machine")].in_(seen))
+        query = query.where(*(own[name] == wanted for name, wanted in columns.items() if wanted is not None))
         with self._database.read() as connection:
-            rows, cursor = page(connection, query, table.c.number, limit, after)
+            rows, cursor = page(connection, query, own["number"], limit, after)
             return Page(self.values(connection, rows), cursor)
 
     def values(self, connection: sa.Connection, rows: Sequence[sa.Row[Any]]) -> tuple[Value, ...]:

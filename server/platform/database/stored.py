@@ -74,7 +74,7 @@ class Stored(Shown):
 
     @classmethod
     def __pydantic_init_subclass__(cls, *, table: str | None = None, noun: str = "", **info: str) -> None:
-        """Make the table of a class that names one; ``info`` names which columns are its time and its label."""
+        """Make the table of a class that names one; ``info`` names which columns are its time, label and machine."""
         if table is not None:
             cls.table = sa.Table(table, metadata, *_columns(cls.model_fields), info=info)
             cls.noun = noun

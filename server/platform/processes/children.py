@@ -69,12 +69,13 @@ class ChildResult:
     exceeded: bool = False
 
 
+@dataclass(eq=False)
 class Child:
     """A process for one run after another; a context manager that ends it.
 
     Every run starts a process of its own, unless the one before was of the same program and says that it stays.
 
-    Parameters
+    Attributes
     ----------
     clock : monotonic seconds
     threads : most of a numerical library in the child
@@ -82,18 +83,11 @@ class Child:
     awaited : whether a person waits for it: it is then as nice as its session, where no session has a rank as well
     """
 
-    def __init__(
-        self,
-        clock: Callable[[], float] = time.monotonic,
-        threads: str = THREADS,
-        room: Path | None = None,
-        awaited: bool = False,
-    ) -> None:
-        self._clock = clock
-        self._threads = threads
-        self._awaited = awaited
-        self._room = room
-        self._staying: tuple[tuple[object, ...], subprocess.Popen[bytes]] | None = None
+    clock: Callable[[], float] = time.monotonic
+    threads: str = THREADS
+    room: Path | None = None
+    awaited: bool = False
+    _staying: tuple[tuple[object, ...], subprocess.Popen[bytes]] | None = field(default=None, init=False)
 
     def __enter__(self) -> Self:
         return self
@@ -127,15 +121,15 @@ class Child:
         progress : called with fraction (0 to 1) and text of each line of progress
         should_stop : looked at four times a second; when true the child is ended and the outcome is ``stopped``
         """
-        looked = self._clock()
+        looked = self.clock()
         deadline = looked + timeout_s
-        room = self._room or room_of(log)
+        room = self.room or room_of(log)
         known = (room, *program)  # another room is another process: this one cannot leave the one that it was given
         process = self._reused(known, arguments, log)
         reused = process is not None
         own = os.getpriority(os.PRIO_PROCESS, 0)  # which only the few may go below
-        niceness = max(own, SESSION_NICENESS) if self._awaited else NICENESS
-        process = process or _started([*program, *arguments], log, self._threads, room, niceness)
+        niceness = max(own, SESSION_NICENESS) if self.awaited else NICENESS
+        process = process or _started([*program, *arguments], log, self.threads, room, niceness)
         assert process.stdout is not None
         last: dict[str, Any] = {}
         try:
@@ -151,7 +145,7 @@ class Child:
                     if isinstance(reply.get("summary"), dict) and reply.get("stays") is True:
                         self._staying = (known, process)
                         return ChildResult("done", summary=reply["summary"])
-                now = self._clock()
+                now = self.clock()
                 if line is not None and now - looked < LOOK_S:
                     continue
                 looked = now
@@ -165,7 +159,7 @@ class Child:
             if self._staying is None:
                 _end(process)
         if reused and not last and process.returncode == 0:  # it had nothing to do for long, and was just leaving
-            left = max(0.0, deadline - self._clock())
+            left = max(0.0, deadline - self.clock())
             return self.run(program, arguments, log=log, timeout_s=left, progress=progress, should_stop=should_stop)
         return _result(process.returncode, last, log)
 

@@ -16,16 +16,16 @@ from typing import Any
 import numpy as np
 
 from daq import Quality, load_machine
-from daq.formats import mcap_file, mdf4
 from daq.machine.machine_file import Machine
 from daq.messages import Sentence
 from daq.recordings.column_map import load_map
+from daq.recordings.recording_exports import WRITERS
 from daq.recordings.recording_files import Table, read_table, write_columns
 from daq.recordings.recording_source import import_file
 from server.platform.processes.child_limits import RECORDING_CPU_S, limit_child
 from server.platform.processes.child_speech import ended, send
+from server.recordings.formats import IMPORTS, map_beside
 from server.recordings.formats.declared_size import refuse_bombs
-from server.recordings.formats.imports import IMPORTS, map_beside
 
 
 def statistics(table: Table, machine: Machine) -> dict[str, Any]:
@@ -87,7 +87,7 @@ def do(what: str, source: Path, target: Path, machine_file: Path, shown: str) ->
     elif what in ("parquet", "csv"):
         write_columns(target, table)
     else:
-        (mdf4 if what == "mdf4" else mcap_file).write(table, units_of(table, machine), target)
+        WRITERS[target.suffix](table, units_of(table, machine), target)
 
 
 def units_of(table: Table, machine: Machine) -> dict[str, str]:

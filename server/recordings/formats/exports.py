@@ -11,7 +11,7 @@ from daq.messages import Sentence
 from server.platform.errors import ConflictError, InvalidError, NotFoundError, UnavailableError
 from server.platform.files import DataDirectory
 from server.platform.processes.file_children import FileChildren, refusal
-from server.recordings.formats.imports import IMPORTS, map_beside
+from server.recordings.formats import IMPORTS, map_beside
 from server.recordings.recording_store import RecordingRow
 
 Format = Literal["parquet", "csv", "mdf4", "mcap"]

@@ -269,7 +269,7 @@ def test_a_full_disk_refuses_a_recording_and_still_takes_an_acknowledgement(
     running: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     running.client.post(f"{API}/machines", content=MACHINE)
-    monkeypatch.setattr(running.service[Sessions], "_free", lambda: 5)
+    monkeypatch.setattr(running.service[Sessions], "free", lambda: 5)
     refused = running.client.post(f"{API}/recordings", json={"machine": "lever", "role": "train"})
     assert refused.status_code == 409
     assert "disk is full" in refused.json()["detail"]

@@ -17,7 +17,7 @@ from daq.acquisition.cycles import AcquisitionStatistics
 from daq.acquisition.ring import RingWriter, ring_buffer
 from daq.commissioning.check import MachineCheck
 from daq.commissioning.delays import BusDelay, PairDelay
-from daq.frames.frame import Frame, row_dtype, row_from_frame
+from daq.frames.frame import Frame, row_dtype
 from daq.quality import Quality
 from server.bus_checks.bus_check_resource import shown
 from server.machines.machine_resource import LAUNCH
@@ -55,7 +55,7 @@ class Feed:
             frame = Frame(
                 cycle, cycle, cycle, cycle / RATE, values, np.array([0.0, 0.004]), np.array(quality, dtype=np.uint8)
             )
-            writer.write(row_from_frame(frame))
+            writer.write(frame)
         writer.close()
 
     def check(self) -> None:

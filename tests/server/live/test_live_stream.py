@@ -15,7 +15,7 @@ from starlette.websockets import WebSocketDisconnect
 
 from daq import Machine, parse_machine
 from daq.acquisition.ring import RingWriter, ring_buffer
-from daq.frames.frame import Frame, row_dtype, row_from_frame
+from daq.frames.frame import Frame, frame_from_row, row_dtype, row_from_frame
 from server.live import live_messages as messages
 from server.live.live_reader import HEARTBEAT_S, PERIOD_S, Client, Hub, _Stream
 from server.machines.acquisition import Acquisition
@@ -89,8 +89,8 @@ class Recipient:
 
 
 def write(writer: RingWriter, table: np.ndarray) -> None:
-    for index in range(len(table)):
-        writer.write(table[index : index + 1])
+    for row in table:
+        writer.write(frame_from_row(row))
 
 
 def test_values_are_in_the_channels_units_and_what_is_unknown_is_null() -> None:

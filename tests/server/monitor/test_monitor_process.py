@@ -16,7 +16,7 @@ from service_fakes import MACHINE
 
 from daq import write_recording
 from daq.acquisition.ring import RingWriter, ring_buffer
-from daq.frames.frame import row_dtype
+from daq.frames.frame import frame_from_row, row_dtype
 from fitting.pipeline.stage_program import load_request
 from fitting.pipeline.stages import STAGES, run_stage
 from server.alarms.alarm_desk import Alarms
@@ -246,10 +246,10 @@ def test_from_a_ring_through_a_process_to_an_alarm(world: World) -> None:
     with ring_buffer(row_dtype(2), 60000) as name, RingWriter(name) as writer:
         world.ring_name = name
         world.monitors.look()
-        writer.write(table[:1])  # the process sees what comes after it attached
+        writer.write(frame_from_row(table[0]))  # the process sees what comes after it attached
         world.wait(lambda state: "delay_s" in state)
-        for index in range(1, len(table)):
-            writer.write(table[index : index + 1])
+        for row in table[1:]:
+            writer.write(frame_from_row(row))
         state = world.wait(lambda state: state["state"] == "drift")
         assert (state["calibration"], state["joints"][0]["statistic"]) == ("cal-1", "direction")
         # The state is there first, its alarm after it; an overload may come before both.

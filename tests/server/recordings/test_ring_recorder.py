@@ -12,7 +12,7 @@ from service_fakes import MACHINE
 
 from daq import parse_machine
 from daq.acquisition.ring import RingWriter, ring_buffer
-from daq.frames.frame import Frame, row_dtype, row_from_frame
+from daq.frames.frame import Frame, row_dtype
 from server.recordings.recording_resource import RingRecorder
 from server.recordings.recording_sessions import RecordOrder
 
@@ -28,7 +28,7 @@ def test_a_recording_whose_acquisition_ended_says_its_rows(tmp_path: Path) -> No
                 for cycle in range(25):
                     values = np.array([0.1, 2.0])
                     quality = np.zeros(2, dtype=np.uint8)
-                    writer.write(row_from_frame(Frame(cycle, 1, 2, cycle / 50, values, values * 0, quality)))
+                    writer.write(Frame(cycle, 1, 2, cycle / 50, values, values * 0, quality))
                 writer.finish()
             reported.append(statistics)
 
