@@ -58,6 +58,16 @@ class CylinderRun:
     residual_std: float
     fastest: float
 
+    @property
+    def estimates(self) -> list[tuple[float, float, float]]:
+        """Value, standard deviation and truth of each parameter."""
+        return list(zip(self.theta, np.sqrt(np.diag(self.covariance)), self.truth, strict=True))
+
+    def apart(self, name: str) -> float:
+        """Compute the share by which a parameter is off its truth."""
+        k = self.names.index(name)
+        return abs(float(self.theta[k] / self.truth[k]) - 1.0)
+
 
 @dataclass(frozen=True)
 class ArmRun:
@@ -202,7 +212,7 @@ def checks(claims: Claims) -> tuple[Check, ...]:
     folding = [each for each in claims.arms if each.arm == "folding"]
     counts = {each.counts for each in folding}
     ranks = {each.rank for each in folding}
-    worst = {name: max(_apart(c, name) for each in claims.arms for c in each.cylinders) for name in ("f_c", "K")}
+    worst = {name: max(c.apart(name) for each in claims.arms for c in each.cylinders) for name in ("f_c", "K")}
     bump, unseen = claims.stribeck, "error on the unseen motion"
     return (
         fact("parameters of a folding arm", counts == {PUBLISHED_COUNTS}, f"{own.counts[0]} to {own.counts[1]}"),
@@ -224,11 +234,6 @@ def checks(claims: Claims) -> tuple[Check, ...]:
 def over_floor(own: ArmRun) -> float:
     """Compute the RMS over the joints of the error on ``validate`` in noise floors."""
     return float(np.sqrt(np.mean((own.unseen / own.floor) ** 2)))
-
-
-def _apart(cylinder: CylinderRun, name: str) -> float:
-    k = cylinder.names.index(name)
-    return abs(float(cylinder.theta[k] / cylinder.truth[k]) - 1.0)
 
 
 #: The joint, and its extra friction at breakaway over its Coulomb friction.

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.measured import DATA, MACHINES, emps, page, run, seals, staubli
+from benchmarks import pages
+from benchmarks.measured import DATA, MACHINES, emps, run, seals, staubli
 from benchmarks.measured.seals import Pressure
 from benchmarks.measured.stacks import refitted, relative
 from benchmarks.targets import silent
@@ -133,7 +134,7 @@ def test_the_weighted_line_and_its_standard_deviation() -> None:
 @pytest.mark.slow
 def test_figures_do_not_depend_on_the_day() -> None:
     x = np.linspace(-1, 1, 500)
-    first, second = (page.residuals(x, np.sin(9 * x), 0.1 * x, "speed [m/s]", "N") for _ in range(2))
+    first, second = (pages.residuals(x, np.sin(9 * x), 0.1 * x, "speed [m/s]", "N") for _ in range(2))
     assert first == second
     assert "speed [m/s]" in first and "<metadata>" not in first
     assert len(first) < 150_000
