@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import http.client
 import json
 import math
 import queue
@@ -14,7 +13,8 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
+
+import httpx2
 
 from benchmarks.service.hosts import API, FITTED
 from benchmarks.storm.stages import STAGES
@@ -79,39 +79,35 @@ class Client:
         self._address = address
         self._noted = noted
         self._lock = threading.Lock()
+        # A connection for each: a server that is killed takes those that were kept along.
+        self._http = httpx2.Client(timeout=PATIENCE_S, limits=httpx2.Limits(max_keepalive_connections=0))
 
     def ask(self, method: str, path: str, content: Any = None, headers: dict[str, str] | None = None) -> Any:
         """Return status and JSON of one answer; NoAnswerError if none came."""
         address = self._address()
         if address is None:
             raise _NoAnswerError
-        place = urlsplit(address)
-        connection = http.client.HTTPConnection(place.hostname or "", place.port, timeout=PATIENCE_S)
         body = content if isinstance(content, bytes) or content is None else json.dumps(content).encode()
         kind = {"Content-Type": "application/json"} if body is not None else {}
         try:
-            connection.request(method, API + path, body, kind | (headers or {}))
-            answer = connection.getresponse()
-            read = answer.read()
-            self._count(answer.status)
-            found = json.loads(read) if read else None
-            if answer.status >= 400:
-                self._look(f"{method} {path}: {answer.status}", answer, found)
-            if answer.status >= 500:
-                raise _NoAnswerError
-            return answer.status, found
-        except (OSError, http.client.HTTPException, ValueError):
+            answer = self._http.request(method, address + API + path, content=body, headers=kind | (headers or {}))
+            found = answer.json() if answer.content else None
+        except (httpx2.HTTPError, ValueError):
             self._count(0)
             raise _NoAnswerError from None
-        finally:
-            connection.close()
+        self._count(answer.status_code)
+        if answer.is_error:
+            self._look(f"{method} {path}: {answer.status_code}", answer, found)
+        if answer.is_server_error:
+            raise _NoAnswerError
+        return answer.status_code, found
 
-    def _look(self, what: str, answer: http.client.HTTPResponse, found: Any) -> None:
+    def _look(self, what: str, answer: httpx2.Response, found: Any) -> None:
         """Note a refusal that does not name what is wrong and what to do."""
         detail = str(found.get("detail", "")) if isinstance(found, dict) else ""
         if not detail or "\n" in detail or not str(found.get("type", "")).startswith("urn:hilfit:problem:"):
             self._noted.poor.append(f"{what}: {found}")
-        if answer.status == 503 and answer.getheader("Retry-After") is None:
+        if answer.status_code == 503 and "Retry-After" not in answer.headers:
             self._noted.poor.append(f"{what} without Retry-After: {detail}")
 
     def _count(self, status: int) -> None:
