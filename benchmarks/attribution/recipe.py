@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from sim_backends.machines import ARMS, ArmKind
 from sim_backends.plant.cases import CasePlan
@@ -62,6 +64,8 @@ RECIPES = {
     6: Recipe(tuple(ARMS), OUTSIDE, (*KINEMATIC, *MISMATCH), 2, True),
 }
 RECIPE = max(RECIPES)
+#: Largest sizes by effect: the same on every machine, or shares of the cylinder's Coulomb friction.
+_LARGEST: dict[str, dict[str, float]] = yaml.safe_load(Path(__file__).with_name("largest.yaml").read_text("utf-8"))
 
 
 @dataclass(frozen=True)
@@ -158,16 +162,16 @@ def largest(effect: str, plan: CasePlan, joint: str | None) -> float:
     Engineering estimates: forces relative to the cylinder's Coulomb friction (0.2 bar over its head area) or to its
     load, inertias and masses relative to the arm's.
     """
-    if effect in _OF_THE_MACHINE:
-        return _OF_THE_MACHINE[effect]
+    if effect in _LARGEST["of_the_machine"]:
+        return _LARGEST["of_the_machine"][effect]
     if effect == "payload":
         return 0.25 * sum(link.mass for link in plan.truth.links)
     assert joint is not None
     number = [j.name for j in plan.machine.joints].index(joint)
     law, cylinder = plan.truth.cylinders[joint], plan.machine.joints[number].cylinder
     assert cylinder is not None
-    if effect in _OF_COULOMB:
-        return _OF_COULOMB[effect] * law.f_c
+    if effect in _LARGEST["of_coulomb"]:
+        return _LARGEST["of_coulomb"][effect] * law.f_c
     if effect in ("thermal_viscosity_drift", "neighbour_inertia"):
         return 2.0 * law.f_v if effect == "thermal_viscosity_drift" else 10.0 * law.m
     if effect == "load_dependent_friction":
@@ -200,54 +204,3 @@ def _lever(plan: CasePlan, joint: int) -> float:
     assert described.cylinder is not None
     q = np.linspace(*described.limits.position, 201)
     return float(np.mean(np.abs(np.gradient(described.cylinder.linkage.piston_position(q), q))))
-
-
-_OF_THE_MACHINE = {
-    "supply_ripple": 3.0e5,
-    "pressure_offset": 5.0e5,
-    "pressure_gain": 0.1,
-    "pressure_drift": 3.0e5,
-    "sensor_latency": 0.1,
-    "encoder_offset": 0.1,
-    "encoder_eccentricity": 0.03,
-    "linkage_geometry": 0.01,
-    "backlash": 5.0e-3,
-    "pin_play": 5.0e-3,
-    "joint_play": 0.02,
-    "hardening_structure": 5.0e-3,
-    "warming_scale": 5.0e-3,
-    "bending_frame": 5.0e-3,
-    "scale_wave": 5.0e-3,
-    "base_tilt": 0.15,
-}
-
-
-#: Shares of the cylinder's Coulomb friction.
-_OF_COULOMB = {
-    "asymmetric_friction": 2.0,
-    "stribeck": 4.0,
-    "presliding_hysteresis": 1.0,  # what builds up over distance is part of the Coulomb friction
-    "lubricant_film_lag": 4.0,
-    "position_dependent_friction": 3.0,
-    "velocity_root_friction": 6.0,
-    "quadratic_loss": 10.0,
-    "end_cushion": 15.0,
-    "gas_spring": 30.0,
-    "counterbalance_valve": 10.0,
-    "cross_cylinder_coupling": 5.0,
-    "position_harmonic": 2.0,
-    "bent_guide": 5.0,
-    "threshold_spring": 15.0,
-    "neighbour_product_friction": 3.0,
-    "saturating_coupling": 5.0,
-    "dwell_stiction": 3.0,
-    "dented_rod": 5.0,
-    "return_line": 5.0,
-    "hanging_hose": 15.0,
-    "squeezed_guide": 3.0,
-    "wiped_film": 4.0,
-    "lying_rod": 5.0,
-    "starved_inflow": 10.0,
-    "shared_gallery": 10.0,
-    "pilot_line": 8.0,
-}

@@ -93,12 +93,12 @@ def page(
     language: Annotated[str, typer.Option(help="With --pictures: en or de.")] = "en",
 ) -> Outcome:
     """Load the page on a slow tablet: first view, frames dropped at 50 Hz; pictures of every view (--pictures)."""
-    from benchmarks.page.measuring import PRESSED, VIEWS, run
+    from benchmarks.page.measuring import LANGUAGES, VIEWS, run
     from benchmarks.page.measuring import pictures as make_pictures
     from benchmarks.page.site import Tablet
 
     chosen("--only", only, list(VIEWS), "is no view; one of")
-    chosen("--language", language, list(PRESSED), "must be one of")
+    chosen("--language", language, LANGUAGES, "must be one of")
     if pictures is not None:
         return make_pictures(pictures, only, show, language)
     return run(Tablet(cpu, megabits), times, seconds, show)

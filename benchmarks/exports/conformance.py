@@ -169,19 +169,10 @@ class Conformance:
 
     def c(self) -> Answers:
         """Run the compiled source, after its own self-test."""
-        folder, name, n = self.folder / "c", self.name, self.joints
-        export_model(self.model, "c", folder)
-        run(["cc", *STRICT, "-o", "selftest", f"{name}.c", f"{name}_selftest.c", "-lm"], folder)
+        folder = self.folder / "c"
+        ask = c_functions(self.model, folder)
+        run(["cc", *STRICT, "-o", "selftest", f"{self.name}.c", f"{self.name}_selftest.c", "-lm"], folder)
         run([str(folder / "selftest")], folder)
-        library, array = compiled(folder, f"{name}.c"), ctypes.c_double * n
-        memory = (ctypes.c_double * self.memory)() if self.memory else None
-
-        def ask(function: str, given: Sequence[Any], outputs: int) -> list[list[float]]:
-            out = [array() for _ in range(outputs)]
-            inputs = [memory if own is None else array(*own) if np.ndim(own) else ctypes.c_double(own) for own in given]
-            getattr(library, f"{name}_{function}")(*inputs, *out, *([memory] if function == "init" else []))
-            return [list(own) for own in out]
-
         return self._row_by_row(ask)
 
     def st(self) -> Answers:
@@ -343,6 +334,22 @@ def compiled(folder: Path, *sources: str) -> ctypes.CDLL:
     """Compile C, without a warning, as a library, and load it."""
     run(["cc", *STRICT, "-fPIC", "-shared", "-o", f"{sources[0]}.so", *sources, "-lm"], folder)
     return ctypes.CDLL(str(folder / f"{sources[0]}.so"))
+
+
+def c_functions(model: ArmModel, folder: Path) -> Ask:
+    """Export and compile a model's C; return what asks its functions, with the model's memory where None is given."""
+    export_model(model, "c", folder)
+    name, array = identifier(model.machine.name), ctypes.c_double * len(model.joints)
+    library = compiled(folder, f"{name}.c")
+    memory = (ctypes.c_double * program_of(model).memory)()
+
+    def ask(function: str, given: Sequence[Any], outputs: int) -> list[list[float]]:
+        out = [array() for _ in range(outputs)]
+        inputs = [memory if own is None else array(*own) if np.ndim(own) else ctypes.c_double(own) for own in given]
+        getattr(library, f"{name}_{function}")(*inputs, *out, *([memory] if function == "init" else []))
+        return [list(own) for own in out]
+
+    return ask
 
 
 def run(command: list[str], folder: Path) -> None:
