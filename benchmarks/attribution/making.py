@@ -28,12 +28,11 @@ from benchmarks.attribution.recipe import (
     largest,
 )
 from benchmarks.attribution.sight import FITTED, Sight, delayed
-from daq.machine.machine_file import Machine, load_machine, machine_to_yaml
-from daq.recordings.recording import write_recording
+from daq.machine.machine_file import Machine, load_machine
 from daq.recordings.recording_files import read_table
 from daq.whole_files import write_whole
 from fitting.arrays import FloatArray
-from sim_backends.plant.cases import STEMS, CasePlan, plan_case
+from sim_backends.plant.cases import STEMS, CasePlan, plan_case, write_tables
 from sim_backends.plant.plant import Plant
 from sim_backends.plant.truth import SensorQuality, Truth, load_truth, truth_to_yaml
 from sim_backends.undeclared import MISMATCH, UNDECLARED, EffectSpec, obstacle
@@ -243,11 +242,7 @@ def place_of(folder: Path, key: CaseKey, selection: Selection) -> Path:
 
 
 def _write(place: Path, case: BenchCase, recipe: int) -> None:
-    place.mkdir(parents=True)
-    (place / "machine.yaml").write_text(machine_to_yaml(case.machine), encoding="utf-8")
-    for stem, table in case.recordings.items():
-        values = {name: column for name, column in table.items() if name != "time"}
-        write_recording(place / f"{stem}.parquet", case.machine, stem.partition("-")[0], table["time"], values)
+    write_tables(place, case.machine, case.recordings)
     (place / "truth.yaml").write_text(truth_to_yaml(case.truth), encoding="utf-8")
     content = {
         "recipe": recipe,

@@ -25,16 +25,16 @@ def faults(
     ] = False,
 ) -> Outcome:
     """Cause every fault at random moments: what is lost, what is wrong, how soon it is over."""
-    from benchmarks.acquisition.bus_rows import names, run_rows
-    from benchmarks.acquisition.faults import run, scripts
+    from benchmarks.acquisition import bus_rows
+    from benchmarks.acquisition.faults import names, run
 
-    ours, theirs = [name for name, _ in scripts()], names()
+    ours, theirs = names(), bus_rows.names()
     chosen("--only", only, (*ours, *theirs), "is in no fault's name; there are", part=True)
     parts = []
     if only is None or any(only in name for name in ours):
         parts.append(run(times, seed, only, real_time, show))
     if only is None or any(only in name for name in theirs):
-        parts.append(run_rows(times, seed, only, show))
+        parts.append(bus_rows.run_rows(times, seed, only, show))
     return together(parts)
 
 
