@@ -10,9 +10,9 @@ import numpy as np
 import yaml
 
 from sim_backends.machines import ARMS, ArmKind
-from sim_backends.plant.cases import CasePlan
+from sim_backends.plant.cases import CasePlan, plan_case
 from sim_backends.plant.truth import SensorQuality
-from sim_backends.undeclared import MISMATCH, OUTSIDE, OUTSIDE_MISMATCH, UNDECLARED, outside
+from sim_backends.undeclared import MISMATCH, OUTSIDE, OUTSIDE_MISMATCH, UNDECLARED, EffectSpec, outside
 
 #: Classes of cases, and the interval their sizes are drawn from (log-uniform): lambda, or, for effects that bend an
 #: encoder, the root mean square of the mismatch in noise widths of one sample.
@@ -154,6 +154,29 @@ def draw_quality(rng: np.random.Generator, full_scale: float = 25.0e6) -> Sensor
         knock_size=_between(rng, 0.3, 1.5),
         tracking=_between(rng, 1e-5, 2e-4),
     )
+
+
+def opened(key: CaseKey, selection: Selection) -> tuple[np.random.Generator, CasePlan, SensorQuality]:
+    """Draw machine, motions and measurement chain; return the generator that draws the rest too."""
+    rng = generator(key)
+    arms = RECIPES[selection.recipe].arms
+    arm = arms[int(rng.choice(len(arms)))]
+    if selection.arms:
+        arm = selection.arms[key.number % len(selection.arms)]
+    plan = plan_case(arm, int(rng.integers(2**31)), selection.seconds)
+    return rng, plan, draw_quality(rng, FULL_SCALE[arm])
+
+
+def draw_effect(rng: np.random.Generator, kind: str, plan: CasePlan, selection: Selection) -> tuple[EffectSpec, float]:
+    """Draw an effect of a class of cases, its joint (None: the whole machine) and its sign; and its size."""
+    recipe = RECIPES[selection.recipe]
+    pool = {"kinematic": recipe.kinematic, "outside": recipe.outside}.get(kind, INSIDE)
+    effect = pool[int(rng.integers(len(pool)))]
+    joint = plan.machine.joints[int(rng.integers(len(plan.machine.joints)))].name
+    effect = selection.only or effect
+    target = float(np.exp(rng.uniform(*np.log(TARGETS[kind]))))
+    sign = float(rng.choice([-1.0, 1.0])) if effect in SIGNED else 1.0
+    return EffectSpec(effect, None if UNDECLARED[effect].base_wide else joint, sign), target
 
 
 def largest(effect: str, plan: CasePlan, joint: str | None) -> float:

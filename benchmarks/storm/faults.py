@@ -22,6 +22,7 @@ from pathlib import Path
 
 from benchmarks.service.postgresql import PostgreSQL
 from benchmarks.storm.clock import SetClock
+from server.platform.files import DataDirectory
 
 #: The small disk: what the service keeps free (256 MiB), and room for the storm and PostgreSQL.
 DISK_BYTES = 900 * 2**20
@@ -79,7 +80,7 @@ def _runs(*command: str) -> bool:
         return False
 
 
-def full_disk(disk: Path) -> Fault:
+def _full_disk(disk: Path) -> Fault:
     """Take every byte of a file system, and those that others give back meanwhile."""
     ballast = disk / "ballast"
 
@@ -102,7 +103,7 @@ def _read_only(refuse: Callable[[bool], None]) -> Fault:
     return Fault("store read-only", begin=lambda: refuse(True), end=lambda: refuse(False))
 
 
-def immutable_database(database: Path) -> Fault:
+def _immutable_database(database: Path) -> Fault:
     """Make SQLite's file, and the folder in which it makes its journal, immutable."""
 
     def refuse(wanted: bool) -> None:
@@ -112,7 +113,7 @@ def immutable_database(database: Path) -> Fault:
     return _read_only(refuse)
 
 
-def may_be_immutable(place: Path) -> bool:
+def _may_be_immutable(place: Path) -> bool:
     """Test whether this process may set the attribute, and take it away."""
     try:
         _immutable(place, True)
@@ -132,12 +133,12 @@ def _immutable(place: Path, wanted: bool) -> None:
         os.close(descriptor)
 
 
-def read_only_sessions(server: PostgreSQL) -> Fault:
+def _read_only_sessions(server: PostgreSQL) -> Fault:
     """Make PostgreSQL's transactions read-only unless a session sets otherwise."""
     return _read_only(lambda on: server.set("default_transaction_read_only", "on" if on else None))
 
 
-def clock_set(clock: SetClock) -> Fault:
+def _clock_set(clock: SetClock) -> Fault:
     """Set the hosts' wall clock, forward and back; it is not put right until it is set again."""
     jumps = cycle(JUMPS_S)
 
@@ -145,6 +146,20 @@ def clock_set(clock: SetClock) -> Fault:
         clock.seconds += next(jumps)
 
     return Fault("clock set", jump)
+
+
+def possible_faults(
+    files: DataDirectory, disk: Path | None, server: PostgreSQL | None, clock: SetClock
+) -> tuple[Fault, ...]:
+    """Return the faults that this process may make."""
+    found: list[Fault] = [_clock_set(clock)]
+    if disk is not None:
+        found.append(_full_disk(disk))
+    if server is not None:
+        found.append(_read_only_sessions(server))
+    elif _may_be_immutable(files.root):
+        found.append(_immutable_database(files.database))
+    return tuple(found)
 
 
 class Weather:

@@ -24,18 +24,7 @@ from benchmarks.fleet.site import s3_server
 from benchmarks.service.postgresql import PostgreSQL, postgresql_server
 from benchmarks.storm.checks import all_checks, amcheck, count_results
 from benchmarks.storm.clock import SetClock, clock_file
-from benchmarks.storm.faults import (
-    PACE,
-    Fault,
-    Pace,
-    Weather,
-    clock_set,
-    full_disk,
-    immutable_database,
-    may_be_immutable,
-    read_only_sessions,
-    small_disk,
-)
+from benchmarks.storm.faults import PACE, Pace, Weather, possible_faults, small_disk
 from benchmarks.storm.host import HostOrder, worker_directory
 from benchmarks.storm.processes import REAL_KILLS, Herd, Killing, OnHost
 from benchmarks.storm.stages import STAGES
@@ -90,21 +79,9 @@ def run(
             if storm.real:
                 make_case(directory / "case", (machine, truth), seed, seconds=REAL_S)
             files, clock = DataDirectory((disk or directory) / "data"), SetClock(clock_file(directory / "order.json"))
-            faults = _faults(files, disk, server, clock) if storm.faults else ()
+            faults = possible_faults(files, disk, server, clock) if storm.faults else ()
             weather = Weather(faults, random.Random(seed), storm.pace)
             return storm.run(directory, simulated.machine_path, server, files, weather, elsewhere)
-
-
-def _faults(files: DataDirectory, disk: Path | None, server: PostgreSQL | None, clock: SetClock) -> tuple[Fault, ...]:
-    """Return those that this process may make."""
-    found: list[Fault] = [clock_set(clock)]
-    if disk is not None:
-        found.append(full_disk(disk))
-    if server is not None:
-        found.append(read_only_sessions(server))
-    elif may_be_immutable(files.root):
-        found.append(immutable_database(files.database))
-    return tuple(found)
 
 
 @dataclass(frozen=True)
