@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.exports.structured_text import Library
+from benchmarks.pages import filled
 from fitting.arrays import FloatArray
 from fitting.loop.refits import final_model
 from fitting.loop.session import Session
@@ -202,26 +203,12 @@ class Conformance:
         export_model(self.model, "matlab", self.folder / f"{self.name}.m")
         for file, rows in (("moments", self.moments), ("moved", self.moved)):
             np.savetxt(self.folder / f"{file}.csv", np.column_stack(rows), delimiter=",", fmt="%.17g")
-        split = [f"m(:, {k * n + 1}:{(k + 1) * n})" for k in range(3)]
-        lines = ["m = csvread('moments.csv');", f"q = {split[0]}; qd = {split[1]}; qdd = {split[2]};"]
-        lines += [f"t = m(:, {3 * n + 1}); temperature = {self.oil!r} + 0 * t;"]
-        for function, whats in self._functions.items():
-            words = ", ".join(
-                "0 * t" if (word, function) == ("t", "friction") else word for word in self.arguments[function]
-            )
-            lines += [f"[{', '.join(f'out.{what}' for what in whats)}] = {self.name}('{function}', {words});"]
         walk = [what.removeprefix("walk.") for what in self.right if what.startswith("walk.")]
-        if walk:
-            own, rate = ", ".join(walk), self.model.machine.rate_hz
-            row = f"m(k, 1:{n}), m(k, {n + 1}:{2 * n}), m(k, {2 * n + 1}:{3 * n}), m(k, {3 * n + 1}), "
-            row += f"{self.oil!r}, " * self.arguments["init"].count("temperature") + f"1 / {rate!r}"
-            lines += ["m = csvread('moved.csv');", "for k = 1:rows(m)", "if k == 1"]
-            lines += [f"[{own}, memory] = {self.name}('init', {row});", "else"]
-            lines += [f"[{own}, memory] = {self.name}('step', {row}, memory);", "end"]
-            lines += [*(f"walk_{what}(k, :) = {what};" for what in walk), "end"]
-            lines += [f"out.('walk.{what}') = walk_{what};" for what in walk]
-        lines += ["for [v, name] = out", "dlmwrite([name '.out'], v, 'precision', 17);", "end"]
-        (self.folder / "ask.m").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        asked = filled(
+            "exports/ask.m.j2", arm=self.name, n=n, oil=repr(self.oil), rate=repr(self.model.machine.rate_hz),
+            functions=self._functions, arguments=self.arguments, walk=walk,
+        )  # fmt: skip
+        (self.folder / "ask.m").write_text(asked, encoding="utf-8")
         run([judge, "--no-gui", "--norc", "ask.m"], self.folder)
         return {what: np.loadtxt(self.folder / f"{what}.out", delimiter=",", ndmin=2) for what in self.right}
 
