@@ -186,12 +186,10 @@ def line(read: Sequence[Pressure]) -> tuple[float, float, float]:
     bar = np.array([r.bar for r in read])
     y = np.array([r.friction for r in read])
     weight = 1.0 / np.maximum([r.std for r in read], 0.02)
-    A = np.column_stack([np.ones_like(bar), bar]) * weight[:, None]
-    theta = np.linalg.lstsq(A, y * weight, rcond=None)[0]
+    (slope, start), covariance = np.polyfit(bar, y, 1, w=weight, cov="unscaled")
     freedom = len(y) - 2
-    scatter = float(np.sum((y * weight - A @ theta) ** 2) / freedom) if freedom else 1.0
-    covariance = np.linalg.inv(A.T @ A) * max(scatter, 1.0)
-    return float(theta[0]), float(theta[1]), float(np.sqrt(covariance[1, 1]))
+    scatter = float(np.sum((weight * (y - start - slope * bar)) ** 2) / freedom) if freedom else 1.0
+    return float(start), float(slope), float(np.sqrt(covariance[0, 0] * max(scatter, 1.0)))
 
 
 def machine_of(seal: str, area: float) -> Machine:
