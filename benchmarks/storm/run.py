@@ -21,6 +21,7 @@ from typing import Any, Literal
 
 from benchmarks.fleet.namespaces import HERE, NETWORK, hosts
 from benchmarks.fleet.site import s3_server
+from benchmarks.service.hosts import polled
 from benchmarks.service.postgresql import PostgreSQL, postgresql_server
 from benchmarks.storm.checks import all_checks, amcheck, count_results
 from benchmarks.storm.clock import SetClock, clock_file
@@ -245,12 +246,8 @@ def _logs(herd: Herd, noted: Acknowledged) -> tuple[Check, ...]:
 
 def _left(herd: Herd) -> dict[str, int]:
     """Count children of each kind; one kept for another job has some time to end."""
-    deadline = time.monotonic() + LEAVING_S
-    while True:
-        left = {kind: len(pids) for kind, pids in herd.children().items()}
-        if not left["real stage"] or time.monotonic() > deadline:
-            return left
-        time.sleep(0.3)
+    polled(lambda: not herd.children()["real stage"], LEAVING_S, 0.3)
+    return {kind: len(pids) for kind, pids in herd.children().items()}
 
 
 def _weather(weather: Weather, herd: Herd, noted: Acknowledged, revived: bool) -> Iterator[Check]:

@@ -8,7 +8,6 @@ import queue
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -16,7 +15,7 @@ from typing import Any
 
 import httpx2
 
-from benchmarks.service.hosts import API, FITTED
+from benchmarks.service.hosts import API, FITTED, polled
 from benchmarks.storm.stages import STAGES
 
 #: Jobs that may be open before no more are ordered.
@@ -286,34 +285,28 @@ def _created(client: Client, path: str, body: Any) -> Any:
 
 
 def _answer(ask: Callable[[], Any], seconds: float) -> Any:
-    deadline = time.monotonic() + seconds
-    while time.monotonic() < deadline:
-        with suppress(_NoAnswerError):
-            if answer := ask():
-                return answer
-        time.sleep(0.2)
-    raise RuntimeError(f"the service was not ready for the storm in {seconds:g} s")
+    answer = polled(ask, seconds, 0.2, _NoAnswerError)
+    if answer is None:
+        raise RuntimeError(f"the service was not ready for the storm in {seconds:g} s")
+    return answer
 
 
 def becomes_quiet(client: Client, seconds: float) -> bool:
     """Wait until no job is open and nothing is recorded, the schedule switched off; False if that takes too long."""
-    deadline = time.monotonic() + seconds
-    off = False
-    while time.monotonic() < deadline:
-        try:
-            if not off:
-                _, found = client.ask("GET", "/schedules")
-                for schedule in found["items"]:
-                    id, *_ = (schedule.pop(key, None) for key in ("id", "created", "next", "last"))
-                    code, _ = client.ask("PUT", f"/schedules/{id}", schedule | {"enabled": False})
-                    off = code == 200
-            _, status = client.ask("GET", "/status")
-            _, found = client.ask("GET", "/recordings?state=recording")
-            acquired = all(state["state"] == "running" for state in status["acquisition"].values())
-            busy = sum(status["jobs"].get(state, 0) for state in ("queued", "running"))
-            if off and acquired and not busy and not found["items"]:
-                return True
-        except _NoAnswerError:
-            pass
-        time.sleep(0.3)
-    return False
+    off: set[str] = set()
+
+    def quiet() -> bool:
+        for schedule in [own for own in _items(client, "/schedules") if own["id"] not in off]:
+            id, *_ = (schedule.pop(key, None) for key in ("id", "created", "next", "last"))
+            if client.ask("PUT", f"/schedules/{id}", schedule | {"enabled": False})[0] == 200:
+                off.add(id)
+        status = client.ask("GET", "/status")[1]
+        acquired = all(state["state"] == "running" for state in status["acquisition"].values())
+        busy = sum(status["jobs"].get(state, 0) for state in ("queued", "running"))
+        return bool(off) and acquired and not busy and not _items(client, "/recordings?state=recording")
+
+    return bool(polled(quiet, seconds, 0.3, _NoAnswerError))
+
+
+def _items(client: Client, path: str) -> Any:
+    return client.ask("GET", path)[1]["items"]
