@@ -19,7 +19,7 @@ from benchmarks.attribution.judging import recordings_of
 from benchmarks.attribution.verdicts import truth_vector
 from benchmarks.measured import sets
 from benchmarks.pages import AFTER, BEFORE, TRUTH, filled, svg, write
-from benchmarks.samples import files_of, named
+from benchmarks.samples import identified, named
 from benchmarks.stages import compare_ways
 from benchmarks.targets import ARMS, Arm, Check, Outcome, Show, fact, figure
 from daq.machine.machine_file import Machine
@@ -297,9 +297,7 @@ def _stribeck_run(seed: int) -> StribeckRun:
     with TemporaryDirectory(prefix="hilfit-paper-") as scratch:
         folder = Path(scratch)
         case = _case(folder, seed)
-        files: dict[str, Any] = files_of(folder)
-        found = hilfit.identify(folder / "machine.yaml", **files)
-        base = hilfit.identify(folder / "machine.yaml", **files, loop=False)
+        found, base = identified(folder), identified(folder, loop=False)
     train = case.recordings["train-1"]
     speed = _speeds(_fastest(train[f"{JOINT}.piston_position"], train["time"]), 60)
     truth = _truth(case, seed, speed)
