@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -64,8 +65,6 @@ RECIPES = {
     6: Recipe(tuple(ARMS), OUTSIDE, (*KINEMATIC, *MISMATCH), 2, True),
 }
 RECIPE = max(RECIPES)
-#: Largest sizes by effect: the same on every machine, or shares of the cylinder's Coulomb friction.
-_LARGEST: dict[str, dict[str, float]] = yaml.safe_load(Path(__file__).with_name("largest.yaml").read_text("utf-8"))
 
 
 @dataclass(frozen=True)
@@ -179,51 +178,48 @@ def draw_effect(rng: np.random.Generator, kind: str, plan: CasePlan, selection: 
     return EffectSpec(effect, None if UNDECLARED[effect].base_wide else joint, sign), target
 
 
+@dataclass(frozen=True)
+class _Largest:
+    """A largest size: times all of ``of``, over all of ``over``, by the names of :func:`_measures`."""
+
+    size: float
+    of: tuple[str, ...] = ()
+    over: tuple[str, ...] = ()
+
+
+_LARGEST = {
+    effect: _Largest(**own)
+    for effect, own in yaml.safe_load(Path(__file__).with_name("largest.yaml").read_text(encoding="utf-8")).items()
+}
+
+
 def largest(effect: str, plan: CasePlan, joint: str | None) -> float:
     """Return the largest size that is still this defect and not a broken machine, in the effect's unit.
 
-    Engineering estimates: forces relative to the cylinder's Coulomb friction (0.2 bar over its head area) or to its
-    load, inertias and masses relative to the arm's.
+    Engineering estimates (``largest.yaml``): forces relative to the cylinder's Coulomb friction or to its load,
+    inertias and masses relative to the arm's.
+
+    Raises
+    ------
+    KeyError
+        For an effect of which there is no estimate.
     """
-    if effect in _LARGEST["of_the_machine"]:
-        return _LARGEST["of_the_machine"][effect]
-    if effect == "payload":
-        return 0.25 * sum(link.mass for link in plan.truth.links)
-    assert joint is not None
-    number = [j.name for j in plan.machine.joints].index(joint)
-    law, cylinder = plan.truth.cylinders[joint], plan.machine.joints[number].cylinder
+    own = _LARGEST[effect]
+    known = {"arm_mass": sum(link.mass for link in plan.truth.links), "pressure": 2.0e6, "weight": 9.81}
+    if joint is not None:
+        known |= _measures(plan, [j.name for j in plan.machine.joints].index(joint))
+    return float(prod([own.size, *(known[name] for name in own.of)]) / prod(known[name] for name in own.over))
+
+
+def _measures(plan: CasePlan, number: int) -> dict[str, float]:
+    """Measure a joint and what it carries, by the names of ``largest.yaml``."""
+    joint, links = plan.machine.joints[number], plan.truth.links
+    law, cylinder, q = plan.truth.cylinders[joint.name], joint.cylinder, np.linspace(*joint.limits.position, 201)
     assert cylinder is not None
-    if effect in _LARGEST["of_coulomb"]:
-        return _LARGEST["of_coulomb"][effect] * law.f_c
-    if effect in ("thermal_viscosity_drift", "neighbour_inertia"):
-        return 2.0 * law.f_v if effect == "thermal_viscosity_drift" else 10.0 * law.m
-    if effect == "load_dependent_friction":
-        return 0.15 * 2.0e6 * cylinder.head_area
-    if effect == "pressure_dependent_friction":
-        return 0.10 * 2.0e6 * cylinder.head_area
-    arm = _lever(plan, number)
-    if effect in ("hose_stiffness", "pose_dependent_friction"):
-        return (10.0 if effect == "hose_stiffness" else 3.0) * law.f_c * arm
-    if effect in ("cylinder_compliance", "joint_compliance"):
-        # 5 mm of stroke under 20 bar
-        return 0.005 / (2.0e6 * cylinder.head_area * (arm**2 if effect == "joint_compliance" else 1.0))
-    outer = sum(link.mass for link in plan.truth.links[number:])
-    size = 1.0 if plan.machine.joints[number].type == "prismatic" else _size(plan)
-    if effect in ("actuator_inertia", "carried_liquid"):
-        return 0.5 * outer * size**2
-    if effect == "structural_flexibility":
-        # 20 mrad (or mm of a slide) of sag under the weight of what it carries at one metre, or what that is here
-        return 0.02 / (9.81 * outer * size)
-    raise KeyError(effect)
-
-
-def _size(plan: CasePlan) -> float:
-    """Compute how many times longer the longest link is than those that the estimates are for (up to 1.3 m)."""
-    return max(1.0, max(abs(joint.dh.a) for joint in plan.machine.joints) / 1.3)
-
-
-def _lever(plan: CasePlan, joint: int) -> float:
-    described = plan.machine.joints[joint]
-    assert described.cylinder is not None
-    q = np.linspace(*described.limits.position, 201)
-    return float(np.mean(np.abs(np.gradient(described.cylinder.linkage.piston_position(q), q))))
+    lever = float(np.mean(np.abs(np.gradient(cylinder.linkage.piston_position(q), q))))
+    # The estimates are for links of up to 1.3 m.
+    longest = max(1.0, max(abs(each.dh.a) for each in plan.machine.joints) / 1.3)
+    stretch = 1.0 if joint.type == "prismatic" else longest
+    found = {"f_c": law.f_c, "f_v": law.f_v, "m": law.m, "head_area": cylinder.head_area, "lever": lever}
+    found |= {"lever_squared": lever**2, "stretch": stretch, "stretch_squared": stretch**2}
+    return found | {"outer_mass": sum(link.mass for link in links[number:])}

@@ -60,23 +60,21 @@ def run(data: Path, page: Path | None, only: str | None, show: Show) -> Outcome:
     checks = [check for machine in (carriage, arm) if machine is not None for check in machine.checks()]
     checks += [*splits.ways_checks(ways), *seals.checks(sealed), *splits.checks(tried), *simulated]
     if page is not None:
-        _write(page, carriage, arm, sealed, checks=checks, ways=ways, splits=tried, refused=refused)
+        text = pages.filled(
+            "measured/page.md.j2", checks=checks, splits=tried, refused=refused, ways=ways,
+            emps=carriage, published=emps, staubli=arm, seals=sealed, seals_hz=seals.BANDWIDTH_HZ,
+        )  # fmt: skip
+        pages.write(page, text, _figures(carriage, arm, sealed))
     return Outcome(tuple(checks), tuple(notes))
 
 
-def _write(
-    page: Path, carriage: emps.Emps | None, arm: staubli.Staubli | None, sealed: list[seals.Seal], **tables: object
-) -> None:
-    """Write the page with what was evaluated, and its figures."""
-    figures = {}
+def _figures(carriage: emps.Emps | None, arm: staubli.Staubli | None, sealed: list[seals.Seal]) -> dict[str, str]:
+    """Draw what was evaluated, by name."""
+    found = {}
     if carriage is not None:
-        figures["emps"] = pages.residuals(*carriage.residuals, "speed [m/s]", "N")
+        found["emps"] = pages.residuals(*carriage.residuals, "speed [m/s]", "N")
     if arm is not None:
-        figures["staubli"] = pages.residuals(*arm.residuals, "speed of joint 1 [rad/s]", "N m")
+        found["staubli"] = pages.residuals(*arm.residuals, "speed of joint 1 [rad/s]", "N m")
     if sealed:
-        figures["seals"] = seals.drawn(sealed)
-    text = pages.filled(
-        "measured/page.md.j2",
-        emps=carriage, published=emps, staubli=arm, seals=sealed, seals_hz=seals.BANDWIDTH_HZ, **tables,
-    )  # fmt: skip
-    pages.write(page, text, figures)
+        found["seals"] = seals.drawn(sealed)
+    return found

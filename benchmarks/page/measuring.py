@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import time
+from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
@@ -115,8 +117,22 @@ def _smoothness(page: Any, site: Site, seconds: float) -> dict[str, float]:
 SIZES = ((800, 1280), (1280, 800), (1440, 900))
 SCHEMES = ("light", "dark")
 LANGUAGES = ("en", "de")
+
+
+@dataclass(frozen=True)
+class _View:
+    """A view: its address with what it is of, what is there when it is whole, what is pressed first, by language."""
+
+    address: str
+    whole: str
+    pressed: Mapping[str, str] | None = None
+
+
 #: Views by name, in the order of the pictures.
-VIEWS: dict[str, dict[str, Any]] = yaml.safe_load(Path(__file__).with_name("views.yaml").read_text(encoding="utf-8"))
+VIEWS = {
+    name: _View(**own)
+    for name, own in yaml.safe_load(Path(__file__).with_name("views.yaml").read_text(encoding="utf-8")).items()
+}
 #: What sticks out of the page sideways.
 _WIDER = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 
@@ -137,9 +153,9 @@ def pictures(target: Path, only: str | None, show: Show, language: str = "en") -
                 for name, view in VIEWS.items():
                     if only is not None and name != only:
                         continue
-                    there, pressed = view["whole"], view.get("pressed")
+                    there, pressed = view.whole, view.pressed
                     path = target / f"{name}-{width}x{height}-{scheme}{suffix}.png"
-                    page.goto(f"{site.url}/#/{view['address'].format(**ids)}")
+                    page.goto(f"{site.url}/#/{view.address.format(**ids)}")
                     if pressed is not None and not page.locator(there).first.is_visible():
                         page.get_by_role("button", name=pressed[language]).click()
                     checks.append(_picture(page, there, path))
