@@ -111,9 +111,8 @@ def session_of(path: Path) -> Session:
     return Session(machine, [read_recording(path, machine, "train")])
 
 
-def base_errors(session: Session) -> tuple[int, Errors]:
+def base_errors(model: Model) -> tuple[int, Errors]:
     """Count the parameters that the recording determines; return the base model's errors."""
-    model = refitted(session, ())
     return int(np.count_nonzero(model.fit.determined)), _errors(model)
 
 
@@ -128,8 +127,8 @@ def evaluate(data: Path, directory: Path) -> Staubli:
     path = recording(data, directory)
     found = loop(MACHINE, [("train", path)], directory / "tx40")
     session = session_of(path)
-    count, base = base_errors(session)
     before, after = refitted(session, ()), refitted(session, found.terms, found)
+    count, base = base_errors(before)
     first, second = stack_of(before, 0), stack_of(after, 0)
     theta, theta_more = first.fit(), second.fit()
     own = zip(_by_joint(before, first, theta), _by_joint(after, second, theta_more), strict=True)

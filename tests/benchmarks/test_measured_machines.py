@@ -54,14 +54,15 @@ def test_the_loop_finds_asymmetric_friction_on_emps(tmp_path: Path) -> None:
 def test_tx40_tells_61_parameters(tmp_path: Path) -> None:
     folder = data("staubli_tx40")
     session = staubli.session_of(staubli.recording(folder, tmp_path))
-    told, errors = staubli.base_errors(session)
+    base = refitted(session, ())
+    told, errors = staubli.base_errors(base)
     assert told == 61
     assert errors.every_row <= 8.4
     assert errors.moving < errors.every_row  # standstill and reversals are what the base model cannot do
     assert errors.every_row < errors.every_row_blocks < 10.0
     for name, with_it in staubli.trials(session).items():  # what the loop refuses here would not help
         assert with_it.every_row_blocks >= errors.every_row_blocks - 0.05, name
-    friction = {name: (published, here) for name, published, here in staubli.friction(folder, refitted(session, ()))}
+    friction = {name: (published, here) for name, published, here in staubli.friction(folder, base)}
     for name in ("fv1", "fv2", "fv3", "fv4", "fv5", "fv6", "fvm6"):
         published, here = friction[name]
         assert here == pytest.approx(published, rel=0.06), name
