@@ -18,20 +18,6 @@ from fitting.arrays import FloatArray
 
 #: Colours of what is true, of the base model, and of what the loop made of it.
 TRUTH, BEFORE, AFTER = "#333333", "#b3541e", "#1f6f8b"
-_SETTINGS: Mapping[str, Any] = {
-    "svg.hashsalt": "hilfit",
-    "svg.fonttype": "none",
-    "font.family": ["DejaVu Sans"],
-    "font.size": 10.0,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#d8d8d8",
-    "grid.linewidth": 0.6,
-    "legend.frameon": False,
-    "figure.facecolor": "white",
-}
 _POINTS = 400
 _BINS = 30
 
@@ -91,7 +77,7 @@ def svg(draw: Callable[[Any], None], width: float, height: float) -> str:
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
 
-    with matplotlib.rc_context(dict(_SETTINGS)):
+    with matplotlib.rc_context(fname=Path(__file__).with_name("pages.mplstyle")):
         figure = Figure(figsize=(width, height), layout="constrained")
         FigureCanvasSVG(figure)
         draw(figure)
