@@ -151,7 +151,14 @@ def _clock_set(clock: SetClock) -> Fault:
 def possible_faults(
     files: DataDirectory, disk: Path | None, server: PostgreSQL | None, clock: SetClock
 ) -> tuple[Fault, ...]:
-    """Return the faults that this process may make."""
+    """Return the faults that this process may make.
+
+    Parameters
+    ----------
+    files, server : the store: a directory with SQLite's file, or PostgreSQL
+    disk : file system that may be filled; None where none could be mounted
+    clock : of the hosts
+    """
     found: list[Fault] = [_clock_set(clock)]
     if disk is not None:
         found.append(_full_disk(disk))
