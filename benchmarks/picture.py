@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 import hilfit
-from benchmarks.samples import files_of
+from benchmarks.samples import identified
 from fitting.arrays import FloatArray
 from sim_backends.machines import default_machine
 from sim_backends.plant.cases import make_case
@@ -30,9 +30,8 @@ def main(target: Path) -> None:
     with TemporaryDirectory(prefix="hilfit-picture-") as scratch:
         folder = Path(scratch)
         make_case(folder, default_machine(), _SEED, [("position_dependent_friction", JOINT, SIZE)])
-        files: dict[str, Any] = files_of(folder)
         machine = hilfit.Machine.load(folder / "machine.yaml")
-        results = [hilfit.identify(machine, **files, loop=loop) for loop in (False, True)]
+        results = [identified(folder, loop=loop) for loop in (False, True)]
         recording = hilfit.Recording.load(folder / "validate.parquet", machine, "validate")
         panels = [_panel(result, recording) for result in results]
     named = ", ".join(f"{e['id']} at {e['joint']}" for e in results[1].report["loop"]["effects"])

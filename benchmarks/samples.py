@@ -16,8 +16,8 @@ beside the repository. The plant behind them shares no code with this project. T
 
 from __future__ import annotations
 
-import tempfile
 import time
+from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+import hilfit
 from benchmarks.targets import Check, Outcome, Show, fact, figure
 from sim_backends.plant.cases import STEMS
 
@@ -53,7 +54,7 @@ def samples(directory: Path, only: str | None, show: Show) -> Outcome:
             show(f"{case}: skipped, it is not in {directory}")
             continue
         started = time.process_time()
-        report = _identify_case(place)
+        report = identified(place).report
         seconds = time.process_time() - started
         truth = yaml.safe_load((place / "truth.yaml").read_text(encoding="utf-8"))
         show(f"{case}: {_findings_text(report)}  ({seconds:.1f} s of CPU, bandwidth {report['bandwidth_hz']:.2f} Hz)")
@@ -61,22 +62,12 @@ def samples(directory: Path, only: str | None, show: Show) -> Outcome:
     return Outcome(tuple(found))
 
 
-def files_of(directory: Path) -> dict[str, list[Path]]:
-    """Return recordings of a case by their roles."""
-    files: dict[str, list[Path]] = {}
+def identified(directory: Path, *, loop: bool = True) -> hilfit.Result:
+    """Identify a case from its machine file and the recordings beside it, with the loop or without it."""
+    files: dict[str, Any] = defaultdict(list)
     for stem in STEMS:
-        files.setdefault(stem.partition("-")[0], []).append(directory / f"{stem}.parquet")
-    return files
-
-
-def _identify_case(directory: Path) -> Report:
-    """Identify one case: its report."""
-    from fitting.loop.session import Request
-    from fitting.pipeline.stages import identify
-
-    files = tuple((role, file) for role, own in files_of(directory).items() for file in own)
-    with tempfile.TemporaryDirectory(prefix="hilfit-samples-") as output:
-        return identify(Request(directory / "machine.yaml", files, Path(output)))
+        files[stem.partition("-")[0]].append(directory / f"{stem}.parquet")
+    return hilfit.identify(directory / "machine.yaml", **files, loop=loop)
 
 
 def _over_floor(report: Report, when: str, joint: str | None = None) -> float:

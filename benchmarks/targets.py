@@ -23,12 +23,10 @@ def silent(line: str) -> None:
 
 def clopper_pearson(count: int, of: int) -> tuple[float, float]:
     """Compute a proportion's exact confidence interval (Clopper and Pearson, Biometrika 26, 1934)."""
-    from scipy.stats import beta
+    from scipy.stats import binomtest
 
-    tail = 0.5 - LEVEL / 2.0
-    low = 0.0 if count == 0 else float(beta.ppf(tail, count, of - count + 1))
-    high = 1.0 if count == of else float(beta.ppf(1.0 - tail, count + 1, of - count))
-    return low, high
+    found = binomtest(count, of).proportion_ci(LEVEL, method="exact")
+    return float(found.low), float(found.high)
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.pages import filled
 from benchmarks.targets import Outcome, Show, figure
 from daq.acquisition.acquisition import AcquisitionProcess
 from daq.acquisition.ring import RingReader
@@ -29,35 +30,10 @@ MACHINES, CORE_PERCENT = 8, 5.0  # at least so many on two cores; at most so muc
 NODES, DEAD, COMMISSIONED_S = 23, 20, 3.0
 SETTLE_S = 3.0
 
-_HEAD = """
-schema: hilfit/machine/1
-name: {name}
-rate_hz: {rate}
-gravity: [0.0, -9.81, 0.0]
-joints:
-- name: j1
-  dh: {{a: 1.0, alpha: 0.0, d: 0.0, theta: 0.0}}
-  limits: {{position: [-1.0, 1.0], velocity: 1.0, acceleration: 1.0}}
-  cylinder: {{bore: 0.08, rod: 0.04, stroke: 0.3, linkage: {{type: rack, radius: 0.1, zero: -1.2}}}}
-buses:
-- {{name: can, type: canopen, interface: socketcand, channel: can0, listen_s: 0, options: {{host: 127.0.0.1, port: {port}}}}}
-channels:
-"""  # noqa: E501
-
 
 def machine_of(name: str, port: int, nodes: int) -> Machine:
     """Make a machine of pressure transducers with two channels each."""
-    lines = [_HEAD.format(name=name, rate=RATE_HZ, port=port)]
-    quantities = ["head_pressure", "rod_pressure", "joint_position", *["oil_temperature"] * (2 * nodes)]
-    units = {"joint_position": "rad", "oil_temperature": "degC"}
-    for k in range(2 * nodes):
-        quantity = quantities[k]
-        joint = "" if quantity == "oil_temperature" else ", joint: j1"
-        lines.append(
-            f"- {{name: c{k}, quantity: {quantity}{joint}, unit: {units.get(quantity, 'bar')}, source: {{bus: can, "
-            f"node: {1 + k // 2}, object: 0x6130, subindex: {1 + k % 2}, data_type: float32}}}}\n"
-        )
-    return parse_machine("".join(lines))
+    return parse_machine(filled("acquisition/machine.yaml.j2", name=name, rate=RATE_HZ, port=port, channels=2 * nodes))
 
 
 class Devices:

@@ -34,7 +34,7 @@ from daq.machine.machine_file import Machine, ModbusRtuBus, ModbusSource, Simula
 from daq.quality import Quality
 from fitting.arrays import BoolArray, FloatArray
 from sim_backends import Plant, SimulatedMachine, default_machine
-from sim_backends.faults.fault_file import SCHEMA, Fault, fault_problems, targets
+from sim_backends.faults.fault_file import Fault, fault_problems, targets
 from sim_backends.faults.fault_runner import apply
 from sim_backends.plant.plant_process import BLOCK
 
@@ -52,6 +52,7 @@ TOLERANCE = 2e-5  # of a value, for what float32 makes of it
 PLACES = 6  # wrong values of one fault that are listed one by one
 NO_SYNC = 1_000
 SERIAL = "line"
+BUSES = {"can": "CANopen", "modbus": "Modbus TCP", SERIAL: "Modbus RTU"}
 NS = 1_000_000_000
 #: What a sensor reports that is wrong, and its device does not know: one value alone does not show it.
 UNKNOWABLE = ("noise_burst", "bias_step")
@@ -72,46 +73,24 @@ def _machine_of_three_buses() -> tuple[Machine, Any]:
     return machine.model_copy(update={"channels": tuple(channels), "buses": (*machine.buses, line)}), truth
 
 
-def scripts() -> tuple[tuple[str, dict[str, Any]], ...]:
-    """List name and content of every fault, on every bus that can have it."""
-    found: list[tuple[str, dict[str, Any]]] = []
-    devices: tuple[tuple[str, dict[str, Any], str], ...] = (
-        ("CANopen", {"bus": "can", "node": 31}, "joint1.head_pressure"),
-        ("Modbus TCP", {"bus": "modbus", "unit": 4}, "joint4.head_pressure"),
-        ("Modbus RTU", {"bus": SERIAL, "unit": 5}, "joint5.head_pressure"),
-    )
-    for bus, device, channel in devices:
-        late: dict[str, Any] = {"syncs": 2} if "node" in device else {"seconds": 0.06}
-        of_device: tuple[dict[str, Any], ...] = (
-            {"fault": "drop", "share": 0.3}, {"fault": "drop"}, {"fault": "corrupt", "share": 0.3},
-            {"fault": "delay", **late}, {"fault": "node_death"},
-        )  # fmt: skip
-        of_channel: tuple[dict[str, Any], ...] = (
-            {"fault": "freeze"}, {"fault": "nan"}, {"fault": "saturate"}, {"fault": "noise_burst", "size": 2.0},
-            {"fault": "bias_step", "size": 5.0},
-        )  # fmt: skip
-        found += [(f"{bus}: {_name(one)}", {**one, **device}) for one in of_device]
-        found += [(f"{bus}: {_name(one)}", {**one, "channel": channel}) for one in of_channel]
-    of_bus: tuple[tuple[str, dict[str, Any]], ...] = (
-        ("CANopen", {"fault": "duplicate_id", "bus": "can", "node": 32}),
-        ("CANopen", {"fault": "emcy_storm", "bus": "can", "node": 33}),
-        ("CANopen", {"fault": "bus_off", "bus": "can"}),
-        ("CANopen", {"fault": "half_open", "bus": "can"}),
-        ("CANopen", {"fault": "slow_peer", "bus": "can", "seconds": 0.006}),
-        ("CANopen", {"fault": "sync_jitter", "bus": "can", "seconds": 0.004}),
-        ("CANopen", {"fault": "clock_jump", "bus": "can", "seconds": 3600.0}),
-        ("CANopen", {"fault": "clock_jump", "bus": "can", "seconds": -3600.0}),
-        ("Modbus TCP", {"fault": "half_open", "bus": "modbus"}),
-        ("Modbus TCP", {"fault": "slow_peer", "bus": "modbus", "seconds": 0.03}),
-        ("Modbus RTU", {"fault": "slow_peer", "bus": SERIAL, "seconds": 0.03}),
-    )
-    found += [(f"{bus}: {_name(one)}", one) for bus, one in of_bus]
+def names() -> tuple[str, ...]:
+    """Return the names of all faults, each with its bus."""
+    return tuple(name for name, _ in _faults_of(_machine_of_three_buses()[0]))
+
+
+def _faults_of(machine: Machine) -> tuple[tuple[str, Fault], ...]:
+    """List name and content of every fault, on every bus that can have it, checked against the machine."""
+    text = Path(__file__).with_name("faults.yaml").read_text(encoding="utf-8")
+    script, problems = fault_problems(text, machine)
+    if script is None:
+        raise RuntimeError(problems[0].under("faults.yaml"))
+    buses = {c.name: c.source.bus for c in machine.channels if c.source is not None}
+    found = []
+    for content, fault in zip(yaml.safe_load(text)["faults"], script.faults, strict=True):
+        bus = content.get("bus") or buses[content["channel"]]
+        size = content.get("share", content.get("seconds", content.get("syncs")))
+        found.append((f"{BUSES[bus]}: {content['fault']}{'' if size is None else f' {size:g}'}", fault))
     return tuple(found)
-
-
-def _name(content: dict[str, Any]) -> str:
-    size = content.get("share", content.get("seconds", content.get("syncs")))
-    return str(content["fault"]) + ("" if size is None else f" {size:g}")
 
 
 @dataclass
@@ -213,16 +192,6 @@ def run(times: int, seed: int, only: str | None, real_time: bool, show: Show) ->
     outcome = _outcome([case for case in cases if case.spans], rows, summary, skipped, bench.declared)
     ran = fact("came as often as asked", not broken, f"{times} times each" if not broken else f"broke off: {broken}")
     return Outcome((ran, *outcome.checks), outcome.notes)
-
-
-def _faults_of(machine: Machine) -> tuple[tuple[str, Fault], ...]:
-    """List name and fault of every script, checked against the machine."""
-    content = scripts()
-    listed = [{"at": 0.0, "for": 1.0, **fault} for _, fault in content]
-    script, problems = fault_problems(yaml.safe_dump({"schema": SCHEMA, "faults": listed}), machine)
-    if script is None:
-        raise RuntimeError(problems[0].under("scripts"))
-    return tuple((name, fault) for (name, _), fault in zip(content, script.faults, strict=True))
 
 
 def _cases(machine: Machine) -> Iterator[_Case]:

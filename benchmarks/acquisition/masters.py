@@ -15,6 +15,7 @@ import uuid
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import can
@@ -72,6 +73,11 @@ class _World(threading.Thread):
         """Send a frame of a node, or of the other controller; its stamp is the gateway's clock."""
         stamp = time.time() + self.jump_s + self.rate * time.monotonic()
         self.bus.send(can.Message(timestamp=stamp, arbitration_id=identifier, data=data, is_extended_id=False))
+
+    def set_clock(self, by_s: float = 0.0, rate: float = 0.0) -> None:
+        """Set the gateway's clock, and let it gain so much per second from now on."""
+        self.jump_s += by_s - rate * time.monotonic()
+        self.rate = rate
 
     def values(self, sync: int) -> tuple[float, ...]:
         """Measure at a SYNC, SI: within each channel's range."""
@@ -375,21 +381,6 @@ def _clock(change: Callable[[_World], None], before: bool = False) -> Row:
     return once
 
 
-def _set(step: float) -> Row:
-    def change(world: _World) -> None:
-        world.jump_s += step
-
-    return _clock(change)
-
-
-def _runs(rate: float, before: bool) -> Row:
-    def change(world: _World) -> None:
-        world.jump_s -= rate * time.monotonic()
-        world.rate = rate
-
-    return _clock(change, before)
-
-
 def _late_sync(random: np.random.Generator) -> Seen:
     """Keep us from running between the tick and our SYNC."""
     run, seen = _Started(), Seen()
@@ -440,9 +431,12 @@ ROWS: dict[str, Row] = {
     "rebuilt while another master leads": _led(_rebuilt, False),
     "another master's SYNC before the start": _there_before(_sends_sync),
     "operational nodes without SYNC before the start": _there_before(_sends_events),
-    **{f"stamps set by {step:+g} s": _set(step) for step in STEPS_S},
-    **{f"stamps slewed by {1e6 * rate:+g} ppm": _runs(rate, False) for rate in (5e-4, -5e-4)},
-    **{f"stamps off by {1e6 * rate:+g} ppm": _runs(rate, True) for rate in (1e-3, -1e-3)},
+    **{f"stamps set by {step:+g} s": _clock(partial(_World.set_clock, by_s=step)) for step in STEPS_S},
+    **{f"stamps slewed by {1e6 * rate:+g} ppm": _clock(partial(_World.set_clock, rate=rate)) for rate in (5e-4, -5e-4)},
+    **{
+        f"stamps off by {1e6 * rate:+g} ppm": _clock(partial(_World.set_clock, rate=rate), True)
+        for rate in (1e-3, -1e-3)
+    },
     "SYNC of ours sent late": _late_sync,
     "node without 0x1017": _node(_without_heartbeat),
     "node with a heartbeat of 125 ms": _node(_in_steps),

@@ -23,8 +23,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.attribution.judging import recordings_of
-from benchmarks.attribution.making import DELAY, OF_THE_SIGNAL, BenchCase, opened, place_of, undisturbed
-from benchmarks.attribution.recipe import KINEMATIC, Selection
+from benchmarks.attribution.making import DELAY, OF_THE_SIGNAL, BenchCase, place_of, undisturbed
+from benchmarks.attribution.recipe import KINEMATIC, Selection, opened
 from benchmarks.attribution.sight import FITTED, delayed
 from benchmarks.attribution.verdicts import truth_vector
 from fitting.arrays import FloatArray

@@ -14,26 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.attribution.recipe import (
-    FULL_SCALE,
-    INSIDE,
-    KINEMATIC,
-    RECIPES,
-    SIGNED,
-    TARGETS,
-    CaseKey,
-    Selection,
-    draw_quality,
-    generator,
-    largest,
-)
+from benchmarks.attribution.recipe import KINEMATIC, RECIPES, CaseKey, Selection, draw_effect, largest, opened
 from benchmarks.attribution.sight import FITTED, Sight, delayed
-from daq.machine.machine_file import Machine, load_machine, machine_to_yaml
-from daq.recordings.recording import write_recording
+from daq.machine.machine_file import Machine, load_machine
 from daq.recordings.recording_files import read_table
 from daq.whole_files import write_whole
 from fitting.arrays import FloatArray
-from sim_backends.plant.cases import STEMS, CasePlan, plan_case
+from sim_backends.plant.cases import STEMS, CasePlan, write_tables
 from sim_backends.plant.plant import Plant
 from sim_backends.plant.truth import SensorQuality, Truth, load_truth, truth_to_yaml
 from sim_backends.undeclared import MISMATCH, UNDECLARED, EffectSpec, obstacle
@@ -96,17 +83,6 @@ def undisturbed(quality: SensorQuality) -> SensorQuality:
     return replace(quality, disturbance=0.0, knock_rate=0.0)
 
 
-def opened(key: CaseKey, selection: Selection) -> tuple[np.random.Generator, CasePlan, SensorQuality]:
-    """Draw machine, motions and measurement chain; return the generator that draws the rest too."""
-    rng = generator(key)
-    arms = RECIPES[selection.recipe].arms
-    arm = arms[int(rng.choice(len(arms)))]
-    if selection.arms:
-        arm = selection.arms[key.number % len(selection.arms)]
-    plan = plan_case(arm, int(rng.integers(2**31)), selection.seconds)
-    return rng, plan, draw_quality(rng, FULL_SCALE[arm])
-
-
 def make_case(key: CaseKey, selection: Selection) -> BenchCase:
     """Simulate a case; the same key and selection give the same numbers.
 
@@ -131,19 +107,17 @@ def make_case(key: CaseKey, selection: Selection) -> BenchCase:
     for _ in range(2 if key.kind == "pairs" else 1):
         found = None
         for _ in range(_DRAWS):
-            effect, joint = _draw(rng, key.kind, plan, selection)
-            target = float(np.exp(rng.uniform(*np.log(TARGETS[key.kind]))))
-            sign = float(rng.choice([-1.0, 1.0])) if effect in SIGNED else 1.0
-            if any((effect, joint) == (s.id, s.joint) for s in specs):
+            unit, target = draw_effect(rng, key.kind, plan, selection)
+            if any((unit.id, unit.joint) == (s.id, s.joint) for s in specs):
                 continue
-            unfit = None if joint is None else obstacle(UNDECLARED[effect], plan.machine.joint(joint))
+            unfit = None if unit.joint is None else obstacle(UNDECLARED[unit.id], plan.machine.joint(unit.joint))
             if unfit is not None:
-                redrawn.append(Redrawn(effect, joint, unfit))
+                redrawn.append(Redrawn(unit.id, unit.joint, unfit))
                 continue
-            found = bench.scaled([replace(s, size=0.0) for s in specs], EffectSpec(effect, joint, sign), target)
+            found = bench.scaled([replace(s, size=0.0) for s in specs], unit, target)
             if not isinstance(found, str):
                 break
-            redrawn.append(Redrawn(effect, joint, found))
+            redrawn.append(Redrawn(unit.id, unit.joint, found))
         if found is None or isinstance(found, str):
             raise RuntimeError(f"{key.text}: none of {_DRAWS} draws can be seen as large as was drawn")
         spec, size_seen, tables = found
@@ -165,15 +139,6 @@ def make_case(key: CaseKey, selection: Selection) -> BenchCase:
     )
     ordered = {stem: tables[stem] for stem in STEMS}
     return BenchCase(key, plan.machine, ordered, plan.truth, quality, effects, tuple(redrawn))
-
-
-def _draw(rng: np.random.Generator, kind: str, plan: CasePlan, selection: Selection) -> tuple[str, str | None]:
-    recipe = RECIPES[selection.recipe]
-    pool = {"kinematic": recipe.kinematic, "outside": recipe.outside}.get(kind, INSIDE)
-    effect = pool[int(rng.integers(len(pool)))]
-    joint = plan.machine.joints[int(rng.integers(len(plan.machine.joints)))].name
-    effect = selection.only or effect
-    return effect, None if UNDECLARED[effect].base_wide else joint
 
 
 @dataclass(frozen=True)
@@ -243,11 +208,7 @@ def place_of(folder: Path, key: CaseKey, selection: Selection) -> Path:
 
 
 def _write(place: Path, case: BenchCase, recipe: int) -> None:
-    place.mkdir(parents=True)
-    (place / "machine.yaml").write_text(machine_to_yaml(case.machine), encoding="utf-8")
-    for stem, table in case.recordings.items():
-        values = {name: column for name, column in table.items() if name != "time"}
-        write_recording(place / f"{stem}.parquet", case.machine, stem.partition("-")[0], table["time"], values)
+    write_tables(place, case.machine, case.recordings)
     (place / "truth.yaml").write_text(truth_to_yaml(case.truth), encoding="utf-8")
     content = {
         "recipe": recipe,

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
+from math import prod
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from sim_backends.machines import ARMS, ArmKind
-from sim_backends.plant.cases import CasePlan
+from sim_backends.plant.cases import CasePlan, plan_case
 from sim_backends.plant.truth import SensorQuality
-from sim_backends.undeclared import MISMATCH, OUTSIDE, OUTSIDE_MISMATCH, UNDECLARED, outside
+from sim_backends.undeclared import MISMATCH, OUTSIDE, OUTSIDE_MISMATCH, UNDECLARED, EffectSpec, outside
 
 #: Classes of cases, and the interval their sizes are drawn from (log-uniform): lambda, or, for effects that bend an
 #: encoder, the root mean square of the mismatch in noise widths of one sample.
@@ -152,102 +155,71 @@ def draw_quality(rng: np.random.Generator, full_scale: float = 25.0e6) -> Sensor
     )
 
 
+def opened(key: CaseKey, selection: Selection) -> tuple[np.random.Generator, CasePlan, SensorQuality]:
+    """Draw machine, motions and measurement chain; return the generator that draws the rest too."""
+    rng = generator(key)
+    arms = RECIPES[selection.recipe].arms
+    arm = arms[int(rng.choice(len(arms)))]
+    if selection.arms:
+        arm = selection.arms[key.number % len(selection.arms)]
+    plan = plan_case(arm, int(rng.integers(2**31)), selection.seconds)
+    return rng, plan, draw_quality(rng, FULL_SCALE[arm])
+
+
+def draw_effect(rng: np.random.Generator, kind: str, plan: CasePlan, selection: Selection) -> tuple[EffectSpec, float]:
+    """Draw an effect of a class of cases, its joint (None: the whole machine) and its sign; and its size."""
+    recipe = RECIPES[selection.recipe]
+    pool = {"kinematic": recipe.kinematic, "outside": recipe.outside}.get(kind, INSIDE)
+    effect = pool[int(rng.integers(len(pool)))]
+    joint = plan.machine.joints[int(rng.integers(len(plan.machine.joints)))].name
+    effect = selection.only or effect
+    target = float(np.exp(rng.uniform(*np.log(TARGETS[kind]))))
+    sign = float(rng.choice([-1.0, 1.0])) if effect in SIGNED else 1.0
+    return EffectSpec(effect, None if UNDECLARED[effect].base_wide else joint, sign), target
+
+
+@dataclass(frozen=True)
+class _Largest:
+    """A largest size: times all of ``of``, over all of ``over``, by the names of :func:`_measures`."""
+
+    size: float
+    of: tuple[str, ...] = ()
+    over: tuple[str, ...] = ()
+
+
+_LARGEST = {
+    effect: _Largest(**own)
+    for effect, own in yaml.safe_load(Path(__file__).with_name("largest.yaml").read_text(encoding="utf-8")).items()
+}
+
+
 def largest(effect: str, plan: CasePlan, joint: str | None) -> float:
     """Return the largest size that is still this defect and not a broken machine, in the effect's unit.
 
-    Engineering estimates: forces relative to the cylinder's Coulomb friction (0.2 bar over its head area) or to its
-    load, inertias and masses relative to the arm's.
+    Engineering estimates (``largest.yaml``): forces relative to the cylinder's Coulomb friction or to its load,
+    inertias and masses relative to the arm's.
+
+    Raises
+    ------
+    KeyError
+        For an effect of which there is no estimate.
     """
-    if effect in _OF_THE_MACHINE:
-        return _OF_THE_MACHINE[effect]
-    if effect == "payload":
-        return 0.25 * sum(link.mass for link in plan.truth.links)
-    assert joint is not None
-    number = [j.name for j in plan.machine.joints].index(joint)
-    law, cylinder = plan.truth.cylinders[joint], plan.machine.joints[number].cylinder
+    own = _LARGEST[effect]
+    known = {"arm_mass": sum(link.mass for link in plan.truth.links), "pressure": 2.0e6, "weight": 9.81}
+    if joint is not None:
+        known |= _measures(plan, [j.name for j in plan.machine.joints].index(joint))
+    return float(prod([own.size, *(known[name] for name in own.of)]) / prod(known[name] for name in own.over))
+
+
+def _measures(plan: CasePlan, number: int) -> dict[str, float]:
+    """Measure a joint and what it carries, by the names of ``largest.yaml``."""
+    joint, links = plan.machine.joints[number], plan.truth.links
+    law, cylinder, q = plan.truth.cylinders[joint.name], joint.cylinder, np.linspace(*joint.limits.position, 201)
     assert cylinder is not None
-    if effect in _OF_COULOMB:
-        return _OF_COULOMB[effect] * law.f_c
-    if effect in ("thermal_viscosity_drift", "neighbour_inertia"):
-        return 2.0 * law.f_v if effect == "thermal_viscosity_drift" else 10.0 * law.m
-    if effect == "load_dependent_friction":
-        return 0.15 * 2.0e6 * cylinder.head_area
-    if effect == "pressure_dependent_friction":
-        return 0.10 * 2.0e6 * cylinder.head_area
-    arm = _lever(plan, number)
-    if effect in ("hose_stiffness", "pose_dependent_friction"):
-        return (10.0 if effect == "hose_stiffness" else 3.0) * law.f_c * arm
-    if effect in ("cylinder_compliance", "joint_compliance"):
-        # 5 mm of stroke under 20 bar
-        return 0.005 / (2.0e6 * cylinder.head_area * (arm**2 if effect == "joint_compliance" else 1.0))
-    outer = sum(link.mass for link in plan.truth.links[number:])
-    size = 1.0 if plan.machine.joints[number].type == "prismatic" else _size(plan)
-    if effect in ("actuator_inertia", "carried_liquid"):
-        return 0.5 * outer * size**2
-    if effect == "structural_flexibility":
-        # 20 mrad (or mm of a slide) of sag under the weight of what it carries at one metre, or what that is here
-        return 0.02 / (9.81 * outer * size)
-    raise KeyError(effect)
-
-
-def _size(plan: CasePlan) -> float:
-    """Compute how many times longer the longest link is than those that the estimates are for (up to 1.3 m)."""
-    return max(1.0, max(abs(joint.dh.a) for joint in plan.machine.joints) / 1.3)
-
-
-def _lever(plan: CasePlan, joint: int) -> float:
-    described = plan.machine.joints[joint]
-    assert described.cylinder is not None
-    q = np.linspace(*described.limits.position, 201)
-    return float(np.mean(np.abs(np.gradient(described.cylinder.linkage.piston_position(q), q))))
-
-
-_OF_THE_MACHINE = {
-    "supply_ripple": 3.0e5,
-    "pressure_offset": 5.0e5,
-    "pressure_gain": 0.1,
-    "pressure_drift": 3.0e5,
-    "sensor_latency": 0.1,
-    "encoder_offset": 0.1,
-    "encoder_eccentricity": 0.03,
-    "linkage_geometry": 0.01,
-    "backlash": 5.0e-3,
-    "pin_play": 5.0e-3,
-    "joint_play": 0.02,
-    "hardening_structure": 5.0e-3,
-    "warming_scale": 5.0e-3,
-    "bending_frame": 5.0e-3,
-    "scale_wave": 5.0e-3,
-    "base_tilt": 0.15,
-}
-
-
-#: Shares of the cylinder's Coulomb friction.
-_OF_COULOMB = {
-    "asymmetric_friction": 2.0,
-    "stribeck": 4.0,
-    "presliding_hysteresis": 1.0,  # what builds up over distance is part of the Coulomb friction
-    "lubricant_film_lag": 4.0,
-    "position_dependent_friction": 3.0,
-    "velocity_root_friction": 6.0,
-    "quadratic_loss": 10.0,
-    "end_cushion": 15.0,
-    "gas_spring": 30.0,
-    "counterbalance_valve": 10.0,
-    "cross_cylinder_coupling": 5.0,
-    "position_harmonic": 2.0,
-    "bent_guide": 5.0,
-    "threshold_spring": 15.0,
-    "neighbour_product_friction": 3.0,
-    "saturating_coupling": 5.0,
-    "dwell_stiction": 3.0,
-    "dented_rod": 5.0,
-    "return_line": 5.0,
-    "hanging_hose": 15.0,
-    "squeezed_guide": 3.0,
-    "wiped_film": 4.0,
-    "lying_rod": 5.0,
-    "starved_inflow": 10.0,
-    "shared_gallery": 10.0,
-    "pilot_line": 8.0,
-}
+    lever = float(np.mean(np.abs(np.gradient(cylinder.linkage.piston_position(q), q))))
+    # The estimates are for links of up to 1.3 m.
+    longest = max(1.0, max(abs(each.dh.a) for each in plan.machine.joints) / 1.3)
+    stretch = 1.0 if joint.type == "prismatic" else longest
+    found = {"f_c": law.f_c, "f_v": law.f_v, "m": law.m, "head_area": cylinder.head_area, "lever": lever}
+    found |= {"lever_squared": lever**2, "stretch": stretch, "stretch_squared": stretch**2}
+    return found | {"outer_mass": sum(link.mass for link in links[number:])}

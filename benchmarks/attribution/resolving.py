@@ -11,8 +11,8 @@ from itertools import count, islice
 import numpy as np
 
 from benchmarks.attribution.judging import Examined, findings_of, recordings_of
-from benchmarks.attribution.making import BenchCase, make_case, opened
-from benchmarks.attribution.recipe import CaseKey, Selection
+from benchmarks.attribution.making import BenchCase, make_case
+from benchmarks.attribution.recipe import CaseKey, Selection, opened
 from benchmarks.attribution.verdicts import verdict
 from benchmarks.cases import Line
 from benchmarks.targets import Check, rate

@@ -13,7 +13,7 @@ from benchmarks.attribution.apart import stored_apart
 from benchmarks.attribution.judging import judge, recordings_of
 from benchmarks.attribution.making import make_case, stored_case
 from benchmarks.attribution.recipe import KINDS, CaseKey, Selection
-from benchmarks.attribution.verdicts import intervals, true_values, verdict
+from benchmarks.attribution.verdicts import true_values, verdict
 from benchmarks.cases import Line
 from daq.errors import InputError
 from fitting.loop.session import Options
@@ -100,8 +100,9 @@ def run_case(order: Order) -> Line:
             for band, one in zip(order.bands, (findings, *others), strict=True)
         }
     if outcome.result == "right" and not outcome.surplus:
-        estimates = intervals(findings.values, true_values(case.machine, case.truth))
-        line["parameters"] = {i.name: [i.value, i.std, i.truth] for i in estimates}
+        truth = true_values(case.machine, case.truth)
+        known = ((name, estimate) for name, estimate in findings.values.items() if name in truth)
+        line["parameters"] = {name: [*estimate, truth[name]] for name, estimate in known}
     return dict(json.loads(json.dumps(line)))  # as it is read back: lists for tuples
 
 

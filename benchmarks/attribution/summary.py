@@ -13,7 +13,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ from benchmarks.attribution.apart import TELLABLE
 from benchmarks.attribution.recipe import KINDS, TARGETS
 from benchmarks.attribution.verdicts import RESULTS, kind_of
 from benchmarks.cases import Line
+from benchmarks.pages import filled
 from benchmarks.targets import Check, figure, rate
 from fitting.effects import effect
 
@@ -81,10 +82,7 @@ def checks(lines: Sequence[Line]) -> list[Check]:
         rate("surplus effects where one was found", surplus, len(with_effects), "at most", 0.02),
         rate("fit failed", count(done, "error"), len(done), "at most", 0.0),
     ]
-    found += _bands(done)
-    found += _calibration(done)
-    found += coverage(done)
-    found += [*_seconds(done, bootstrap=False), *_seconds(done, bootstrap=True)]
+    found += [*_bands(done), *_calibration(done), *coverage(done), *_seconds(done)]
     return [check for check in found if check.shown != "no cases"]
 
 
@@ -102,19 +100,14 @@ def _bands(lines: Sequence[Line]) -> list[Check]:
     ]
 
 
-def _seconds(lines: Sequence[Line], *, bootstrap: bool) -> list[Check]:
-    """Check processor time of cases with a bootstrap, or without one: that is what the target is for."""
-    seconds = [line["seconds"] for line in lines if "seconds" in line and bool(line.get("bootstrap", 1)) == bootstrap]
-    if not seconds:
-        return []
-    words = f"CPU seconds a case {'with' if bootstrap else 'without'} bootstrap"
-    median, tail = float(np.median(seconds)), float(np.percentile(seconds, 95))
-    found = [figure(f"{words}, median", median, "{:.1f} s"), figure(f"{words}, 95th percentile", tail, "{:.1f} s")]
-    limits = {False: (2.9, 8.0), True: (None, 10.0)}[bootstrap]
-    return [
-        c if limit is None else replace(c, bound="at most", target=limit, target_shown=f"{limit:g} s")
-        for c, limit in zip(found, limits, strict=True)
-    ]
+def _seconds(lines: Sequence[Line]) -> Iterator[Check]:
+    """Check processor time of cases without a bootstrap, which the target is for, and with one."""
+    for words, bootstrap, middle, most in (("without", False, 2.9, 8.0), ("with", True, None, 10.0)):
+        own = [line["seconds"] for line in lines if "seconds" in line and bool(line.get("bootstrap", 1)) == bootstrap]
+        if own:
+            name = f"CPU seconds a case {words} bootstrap"
+            yield figure(f"{name}, median", float(np.median(own)), "{:.1f} s", most=middle)
+            yield figure(f"{name}, 95th percentile", float(np.percentile(own, 95)), "{:.1f} s", most=most)
 
 
 def _visible(kind: str, lines: Sequence[Line]) -> list[Check]:
@@ -217,32 +210,6 @@ def coverage(lines: Sequence[Line]) -> list[Check]:
     return found
 
 
-def _confusion(lines: Sequence[Line]) -> list[str]:
-    """Count results by class."""
-    kinds = [kind for kind in KINDS if any(line["kind"] == kind for line in lines)]
-    results = [r for r in (*RESULTS, "made", "not made") if any(line["result"] == r for line in lines)]
-    rows = [f"{'':11s}" + "".join(f"{r:>13s}" for r in results) + f"{'surplus':>13s}{'all':>7s}"]
-    for kind in kinds:
-        own = [line for line in lines if line["kind"] == kind]
-        counts = Counter(line["result"] for line in own)
-        surplus = sum(line.get("surplus", 0) > 0 for line in own)
-        cells = "".join(f"{counts[r] or '':>13}" for r in results)
-        rows.append(f"{kind:11s}{cells}{surplus or '':>13}{len(own):7d}")
-    return rows
-
-
-def _by_effect(lines: Sequence[Line]) -> list[str]:
-    """Count results by true effect (single effects only)."""
-    table: dict[str, Counter[str]] = {}
-    for line in lines:
-        if len(line.get("effects", ())) == 1:
-            table.setdefault(line["effects"][0]["id"], Counter())[line["result"]] += 1
-    return [
-        f"{effect:30s} " + ", ".join(f"{result} {n}" for result, n in sorted(counts.items()))
-        for effect, counts in sorted(table.items())
-    ]
-
-
 def found_against_size(lines: Sequence[Line], measured: bool = False) -> list[dict[str, float]]:
     """Count per bin of lambda the effects of the catalogue that were named (alone or in a set), those at least located
     (a set or a law at the right joint), and compute what theory gives for the same sizes.
@@ -258,21 +225,20 @@ def found_against_size(lines: Sequence[Line], measured: bool = False) -> list[di
 
     single = [line for line in lines if line["kind"] in ("large", "medium", "small") and "said" in line]
     sizes = [(line, seen) for line in single if (seen := size(line)) is not None]
-    table = []
-    for low, high in pairwise((0.0, *BINS) if measured else BINS):
-        own = [(line, seen) for line, seen in sizes if low <= seen < high]
-        if own:
-            table.append(
-                {
-                    "low": low,
-                    "high": high,
-                    "cases": len(own),
-                    "named": sum(line["result"] in _NAMED for line, _ in own),
-                    "located": sum(bool(line["located"]) for line, _ in own),
-                    "theory": float(np.mean([seen_by_theory(seen) for _, seen in own])),
-                }
-            )
-    return table
+    bins = pairwise((0.0, *BINS) if measured else BINS)
+    binned = [(low, high, [(line, seen) for line, seen in sizes if low <= seen < high]) for low, high in bins]
+    return [
+        {
+            "low": low,
+            "high": high,
+            "cases": len(own),
+            "named": sum(line["result"] in _NAMED for line, _ in own),
+            "located": sum(bool(line["located"]) for line, _ in own),
+            "theory": float(np.mean([seen_by_theory(seen) for _, seen in own])),
+        }
+        for low, high, own in binned
+        if own
+    ]
 
 
 def redrawn(lines: Sequence[Line]) -> list[str]:
@@ -307,36 +273,29 @@ def case_text(line: Line) -> str:
 
 def text(lines: Sequence[Line]) -> list[str]:
     """Write everything but the single cases, for people."""
-    rows = ["", *_confusion(lines)]
+    by_kind = {kind: [line for line in lines if line["kind"] == kind] for kind in KINDS}
+    by_effect: dict[str, Counter[str]] = {}
+    for line in lines:
+        if len(line.get("effects", ())) == 1:
+            by_effect.setdefault(line["effects"][0]["id"], Counter())[line["result"]] += 1
     wrong = [line for line in lines if line.get("wrong_alone") or line["result"] in ("accused", "wrong set", "error")]
-    if wrong:
-        rows += ["", "wrong names, sets without the truth, accusations and failures:"]
-        rows += [f"  {case_text(line)}" for line in wrong]
-    effects = _by_effect(lines)
-    if effects:
-        rows += ["", "by effect:", *(f"  {row}" for row in effects)]
-    for words, measured in (("noise of the efforts", False), ("noise that a fit is left with", True)):
-        bins = found_against_size(lines, measured)
-        if not bins:
-            continue
-        rows += ["", f"found against lambda in the {words} (theory: noncentral chi-square with one degree of freedom,"]
-        rows += [f"threshold {threshold():.1f}: one per cent of false alarms over {LOOKS} looks):"]
-        rows += [
-            f"  {b['low']:3g} to {b['high']:<3g} {b['named']:3.0f} named, {b['located']:3.0f} located "
-            f"of {b['cases']:3.0f}; theory {b['theory'] * b['cases']:.1f}"
-            for b in bins
-        ]
-    if any("said" in line for line in lines):
-        rows += ["", "stated probabilities, and how often they were right:"]
-        rows += [f"  {row}" for row in _reliability_table(lines)]
-    pairs = inseparable(lines)
-    if pairs:
-        rows += ["", f"pairs that the data cannot tell apart (less than {TELLABLE:g} between them):"]
-        rows += [f"  {row}" for row in pairs]
-    given_up = redrawn(lines)
-    if given_up:
-        rows += ["", "draws given up because the effect cannot be seen that large there: " + ", ".join(given_up)]
-    return rows
+    sizes = {"noise of the efforts": False, "noise that a fit is left with": True}
+    page = filled(
+        "attribution/summary.txt.j2",
+        results=[r for r in (*RESULTS, "made", "not made") if any(line["result"] == r for line in lines)],
+        counts={kind: Counter(line["result"] for line in own) for kind, own in by_kind.items() if own},
+        surplus={kind: sum(line.get("surplus", 0) > 0 for line in own) for kind, own in by_kind.items()},
+        wrong=[case_text(line) for line in wrong],
+        by_effect={effect: sorted(counts.items()) for effect, counts in sorted(by_effect.items())},
+        sizes={words: found_against_size(lines, measured) for words, measured in sizes.items()},
+        threshold=threshold(),
+        looks=LOOKS,
+        bins=diagram(statements(lines)) if any("said" in line for line in lines) else None,
+        tellable=TELLABLE,
+        pairs=inseparable(lines),
+        redrawn=redrawn(lines),
+    )
+    return page.splitlines()
 
 
 def compared(old: Sequence[Line], new: Sequence[Line]) -> list[str]:
@@ -448,15 +407,6 @@ def calibration_error_by_chance(given: Sequence[Statement]) -> float:
 def brier(given: Sequence[Statement]) -> float:
     """Compute the mean squared distance of the probabilities from what is true (0 or 1)."""
     return float(np.mean([(p - right) ** 2 for p, right in given])) if given else float("nan")
-
-
-def _reliability_table(lines: Sequence[Line]) -> list[str]:
-    """Write the diagram as a table."""
-    rows = [f"{'stated':>8s} {'right':>8s} {'90 % interval':>16s} {'statements':>11s}"]
-    for b in diagram(statements(lines)):
-        interval = f"{100 * b.low:.0f} to {100 * b.high:.0f} %"
-        rows.append(f"{100 * b.stated:7.1f}% {100 * b.right:7.1f}% {interval:>16s} {b.count:11d}")
-    return rows
 
 
 def draw_reliability(lines: Sequence[Line], target: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -95,21 +94,6 @@ def _beside_laws(findings: Findings) -> list[set[Place]]:
 DRIVE = ("m", "K", "f_c", "f_v", "f_s")
 
 
-@dataclass(frozen=True)
-class Interval:
-    """A parameter's estimate beside its truth."""
-
-    name: str
-    value: float
-    std: float
-    truth: float
-
-    @property
-    def sigmas(self) -> float:
-        """Distance from the truth in standard deviations."""
-        return (self.value - self.truth) / self.std if self.std > 0 else float(np.inf)
-
-
 def true_values(machine: Machine, truth: Truth) -> dict[str, float]:
     """Return the plant's parameters by the names that an identification gives them."""
     values = {
@@ -127,11 +111,6 @@ def truth_vector(machine: Machine, truth: Truth, design: Design) -> FloatArray:
     values, base = true_values(machine, truth), design.parameters.base
     names = dict(zip(base.expressions, base.names, strict=True))
     return np.array([values[names.get(name, name)] for name in design.parameters.names])
-
-
-def intervals(values: Mapping[str, tuple[float, float]], truth: Mapping[str, float]) -> list[Interval]:
-    """Collect estimates of all parameters whose truth is known."""
-    return [Interval(name, value, std, truth[name]) for name, (value, std) in values.items() if name in truth]
 
 
 def kind_of(name: str) -> str:

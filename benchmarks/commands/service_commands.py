@@ -25,16 +25,16 @@ def faults(
     ] = False,
 ) -> Outcome:
     """Cause every fault at random moments: what is lost, what is wrong, how soon it is over."""
-    from benchmarks.acquisition.bus_rows import names, run_rows
-    from benchmarks.acquisition.faults import run, scripts
+    from benchmarks.acquisition import bus_rows
+    from benchmarks.acquisition.faults import names, run
 
-    ours, theirs = [name for name, _ in scripts()], names()
+    ours, theirs = names(), bus_rows.names()
     chosen("--only", only, (*ours, *theirs), "is in no fault's name; there are", part=True)
     parts = []
     if only is None or any(only in name for name in ours):
         parts.append(run(times, seed, only, real_time, show))
     if only is None or any(only in name for name in theirs):
-        parts.append(run_rows(times, seed, only, show))
+        parts.append(bus_rows.run_rows(times, seed, only, show))
     return together(parts)
 
 
@@ -93,12 +93,12 @@ def page(
     language: Annotated[str, typer.Option(help="With --pictures: en or de.")] = "en",
 ) -> Outcome:
     """Load the page on a slow tablet: first view, frames dropped at 50 Hz; pictures of every view (--pictures)."""
-    from benchmarks.page.measuring import PRESSED, VIEWS, run
+    from benchmarks.page.measuring import LANGUAGES, VIEWS, run
     from benchmarks.page.measuring import pictures as make_pictures
     from benchmarks.page.site import Tablet
 
     chosen("--only", only, list(VIEWS), "is no view; one of")
-    chosen("--language", language, list(PRESSED), "must be one of")
+    chosen("--language", language, LANGUAGES, "must be one of")
     if pictures is not None:
         return make_pictures(pictures, only, show, language)
     return run(Tablet(cpu, megabits), times, seconds, show)

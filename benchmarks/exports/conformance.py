@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.exports.structured_text import Library
+from benchmarks.pages import filled
 from fitting.arrays import FloatArray
 from fitting.loop.refits import final_model
 from fitting.loop.session import Session
@@ -169,19 +170,10 @@ class Conformance:
 
     def c(self) -> Answers:
         """Run the compiled source, after its own self-test."""
-        folder, name, n = self.folder / "c", self.name, self.joints
-        export_model(self.model, "c", folder)
-        run(["cc", *STRICT, "-o", "selftest", f"{name}.c", f"{name}_selftest.c", "-lm"], folder)
+        folder = self.folder / "c"
+        ask = c_functions(self.model, folder)
+        run(["cc", *STRICT, "-o", "selftest", f"{self.name}.c", f"{self.name}_selftest.c", "-lm"], folder)
         run([str(folder / "selftest")], folder)
-        library, array = compiled(folder, f"{name}.c"), ctypes.c_double * n
-        memory = (ctypes.c_double * self.memory)() if self.memory else None
-
-        def ask(function: str, given: Sequence[Any], outputs: int) -> list[list[float]]:
-            out = [array() for _ in range(outputs)]
-            inputs = [memory if own is None else array(*own) if np.ndim(own) else ctypes.c_double(own) for own in given]
-            getattr(library, f"{name}_{function}")(*inputs, *out, *([memory] if function == "init" else []))
-            return [list(own) for own in out]
-
         return self._row_by_row(ask)
 
     def st(self) -> Answers:
@@ -211,26 +203,12 @@ class Conformance:
         export_model(self.model, "matlab", self.folder / f"{self.name}.m")
         for file, rows in (("moments", self.moments), ("moved", self.moved)):
             np.savetxt(self.folder / f"{file}.csv", np.column_stack(rows), delimiter=",", fmt="%.17g")
-        split = [f"m(:, {k * n + 1}:{(k + 1) * n})" for k in range(3)]
-        lines = ["m = csvread('moments.csv');", f"q = {split[0]}; qd = {split[1]}; qdd = {split[2]};"]
-        lines += [f"t = m(:, {3 * n + 1}); temperature = {self.oil!r} + 0 * t;"]
-        for function, whats in self._functions.items():
-            words = ", ".join(
-                "0 * t" if (word, function) == ("t", "friction") else word for word in self.arguments[function]
-            )
-            lines += [f"[{', '.join(f'out.{what}' for what in whats)}] = {self.name}('{function}', {words});"]
         walk = [what.removeprefix("walk.") for what in self.right if what.startswith("walk.")]
-        if walk:
-            own, rate = ", ".join(walk), self.model.machine.rate_hz
-            row = f"m(k, 1:{n}), m(k, {n + 1}:{2 * n}), m(k, {2 * n + 1}:{3 * n}), m(k, {3 * n + 1}), "
-            row += f"{self.oil!r}, " * self.arguments["init"].count("temperature") + f"1 / {rate!r}"
-            lines += ["m = csvread('moved.csv');", "for k = 1:rows(m)", "if k == 1"]
-            lines += [f"[{own}, memory] = {self.name}('init', {row});", "else"]
-            lines += [f"[{own}, memory] = {self.name}('step', {row}, memory);", "end"]
-            lines += [*(f"walk_{what}(k, :) = {what};" for what in walk), "end"]
-            lines += [f"out.('walk.{what}') = walk_{what};" for what in walk]
-        lines += ["for [v, name] = out", "dlmwrite([name '.out'], v, 'precision', 17);", "end"]
-        (self.folder / "ask.m").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        asked = filled(
+            "exports/ask.m.j2", arm=self.name, n=n, oil=repr(self.oil), rate=repr(self.model.machine.rate_hz),
+            functions=self._functions, arguments=self.arguments, walk=walk,
+        )  # fmt: skip
+        (self.folder / "ask.m").write_text(asked, encoding="utf-8")
         run([judge, "--no-gui", "--norc", "ask.m"], self.folder)
         return {what: np.loadtxt(self.folder / f"{what}.out", delimiter=",", ndmin=2) for what in self.right}
 
@@ -343,6 +321,22 @@ def compiled(folder: Path, *sources: str) -> ctypes.CDLL:
     """Compile C, without a warning, as a library, and load it."""
     run(["cc", *STRICT, "-fPIC", "-shared", "-o", f"{sources[0]}.so", *sources, "-lm"], folder)
     return ctypes.CDLL(str(folder / f"{sources[0]}.so"))
+
+
+def c_functions(model: ArmModel, folder: Path) -> Ask:
+    """Export and compile a model's C; return what asks its functions, with the model's memory where None is given."""
+    export_model(model, "c", folder)
+    name, array = identifier(model.machine.name), ctypes.c_double * len(model.joints)
+    library = compiled(folder, f"{name}.c")
+    memory = (ctypes.c_double * program_of(model).memory)()
+
+    def ask(function: str, given: Sequence[Any], outputs: int) -> list[list[float]]:
+        out = [array() for _ in range(outputs)]
+        inputs = [memory if own is None else array(*own) if np.ndim(own) else ctypes.c_double(own) for own in given]
+        getattr(library, f"{name}_{function}")(*inputs, *out, *([memory] if function == "init" else []))
+        return [list(own) for own in out]
+
+    return ask
 
 
 def run(command: list[str], folder: Path) -> None:

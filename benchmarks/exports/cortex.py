@@ -10,7 +10,6 @@ import shutil
 import struct
 import subprocess
 import tempfile
-from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
@@ -28,17 +27,6 @@ _FLAGS = ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16",
 _LIMITS = {"instructions": 168_000, "bytes": 64_000}
 
 
-@dataclass(frozen=True)
-class _Ran:
-    """Output of a run: instructions of a call, bytes of stack, efforts (n,) of the last call, heap, bytes in all."""
-
-    instructions: int
-    stack: int
-    tau: FloatArray
-    heap: list[str]
-    size: int
-
-
 def cortex(name: str, model: ArmModel) -> list[Check]:
     """Check one model; return a check with the reason where the tools are absent."""
     if shutil.which(COMPILER) is None or shutil.which(MACHINE) is None:
@@ -46,23 +34,22 @@ def cortex(name: str, model: ArmModel) -> list[Check]:
         return [Check(f"{name}: Cortex-M4F", None, f"{COMPILER} or {MACHINE} is missing ({how})")]
     middle = float(np.mean([joint.limits.position for joint in model.machine.joints]))
     with tempfile.TemporaryDirectory() as place:
-        ran = _run(model, Path(place), middle)
+        instructions, stack, tau, heap, size = _run(model, Path(place), middle)
     q = middle + 0.002 * (199 + 7 * np.arange(len(model.joints)))[None]  # the last of the program's calls
     right = motion.on_motion(motion.at_rest(model), q, 0 * q + 0.1 - 0.199, 0 * q + 0.2, [0.0]).joint_effort(0)[0]
-    share = float(np.max(np.abs(ran.tau - right)) / np.max(np.abs(right)))
-    shown = f"{ran.instructions} ({ran.instructions / 168e3:.2f} ms at 168 MHz if each took a cycle)"
+    share = float(np.max(np.abs(tau - right)) / np.max(np.abs(right)))
+    shown = f"{instructions} ({instructions / 168e3:.2f} ms at 168 MHz if each took a cycle)"
     what, most = f"{name}: Cortex-M4F,", _LIMITS
     return [
         Check(f"{what} floats against the model", share, f"{share:.1e}", "at most", 2e-4, "2e-04"),
-        Check(f"{what} instructions of a call", ran.instructions, shown, "at most", most["instructions"], "1 ms"),
-        Check(
-            f"{what} code, tables", ran.size, f"{ran.size} bytes; stack {ran.stack}", "at most", most["bytes"], "64 kB"
-        ),
-        Check(f"{what} functions of a heap", len(ran.heap), ", ".join(ran.heap) or "none", "at most", 0, "none"),
+        Check(f"{what} instructions of a call", instructions, shown, "at most", most["instructions"], "1 ms"),
+        Check(f"{what} code, tables", size, f"{size} bytes; stack {stack}", "at most", most["bytes"], "64 kB"),
+        Check(f"{what} functions of a heap", len(heap), ", ".join(heap) or "none", "at most", 0, "none"),
     ]
 
 
-def _run(model: ArmModel, folder: Path, middle: float) -> _Ran:
+def _run(model: ArmModel, folder: Path, middle: float) -> tuple[int, int, FloatArray, list[str], int]:
+    """Return instructions of a call, bytes of stack, efforts (n,) of the last call, heap, bytes in all."""
     arm, n = identifier(model.machine.name), len(model.joints)
     export_model(model, "c", folder)
     for file in ("cortex_m4.c", "cortex_m4.ld"):
@@ -88,4 +75,4 @@ def _run(model: ArmModel, folder: Path, middle: float) -> _Ran:
     symbols = output_of("arm-none-eabi-nm", "arm.elf")
     heap = [word for word in ("malloc", "_sbrk") if any(line.endswith(f" {word}") for line in symbols)]
     size = sum(map(int, output_of("arm-none-eabi-size", "arm.elf")[1].split()[:2]))
-    return _Ran(numbers["instructions"], numbers["stack"], np.array(tau), heap, size)
+    return numbers["instructions"], numbers["stack"], np.array(tau), heap, size

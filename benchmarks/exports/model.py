@@ -83,20 +83,6 @@ CASES: dict[str, tuple[tuple[str, int | None, dict[str, float]], ...]] = {
 #: Sample cases, and the law that stands in the place of what is really there: signal, joint.
 LAWS = {"bent-guide-joint1": ("piston_position", 0), "position-friction-joint2 by a law": ("piston_position", 1)}
 _CALLS, _REPEATS = 2_000, 300  # short turns: what else the computer does spares some of them
-_TIMER = """#include "{name}.h"
-double many(const double *rows, int count, int times);
-double many(const double *rows, int count, int times)
-{{
-    double tau[{n}], sum = 0;
-    int k;
-    for (k = 0; k < times; ++k) {{
-        const double *row = rows + (k % count) * {width};
-        {name}_inverse_dynamics(row, row + {n}, row + 2 * {n}, 0.0, tau);
-        sum += tau[0];
-    }}
-    return sum;
-}}
-"""
 
 
 def run(samples: Path, data: Path, show: Show) -> Outcome:
@@ -210,7 +196,10 @@ def _compiled(model: ArmModel, folder: Path) -> tuple[ctypes.CDLL, int] | None:
         return None
     name, n = identifier(model.machine.name), len(model.joints)
     export_model(model, "c", folder)
-    (folder / "many.c").write_text(_TIMER.format(name=name, n=n, width=3 * n), encoding="utf-8")
+    (folder / "many.c").write_bytes(Path(__file__).with_name("many.c").read_bytes())
+    (folder / "model.h").write_text(
+        f'#include "{name}.h"\n#define JOINTS {n}\n#define INVERSE_DYNAMICS {name}_inverse_dynamics\n'
+    )
     run_command(["cc", *STRICT, "-fPIC", "-c", f"{name}.c"], folder)
     library = compiled(folder, f"{name}.c", "many.c")
     library.many.restype = ctypes.c_double

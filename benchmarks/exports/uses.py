@@ -14,7 +14,6 @@ One identification of the simulated folding arm hands over the model. Then, on m
 
 from __future__ import annotations
 
-import ctypes
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -27,7 +26,7 @@ import pyarrow.csv as arrow_csv
 from scipy.interpolate import CubicSpline
 from scipy.stats import chi2
 
-from benchmarks.exports.conformance import compiled, handed_over
+from benchmarks.exports.conformance import c_functions, handed_over
 from benchmarks.targets import Check, Outcome, Show, figure
 from daq.machine.machine_file import Machine
 from daq.motion_files import Rods
@@ -37,8 +36,6 @@ from fitting.effects import effect
 from fitting.loop.session import Options, Session
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
-from fitting.model.export import export_model
-from fitting.model.export.functions import identifier
 from fitting.model.simulation import simulate
 from fitting.model.tails import Tail
 from fitting.model.uses.energy import energy_of_recording
@@ -227,16 +224,10 @@ def _memory(bench: _Bench) -> list[Check]:
 
 def _c_forces(model: ArmModel, path: Trajectory, folder: Path) -> FloatArray:
     """Compute drive efforts of a motion by the compiled C, moment by moment."""
-    export_model(model, "c", folder)
-    name, n = identifier(model.machine.name), len(model.joints)
-    library, array = compiled(folder, f"{name}.c"), ctypes.c_double * n
-    memory, dt, rows = (ctypes.c_double * 8)(), ctypes.c_double(1.0 / model.machine.rate_hz), []
-    for k, row in enumerate(zip(path.q, path.qd, path.qdd, strict=True)):
-        out = [array() for _ in range(4)]  # efforts of joints and drives, pressures
-        given = [*(array(*own) for own in row), ctypes.c_double(path.t[k]), dt]
-        function = getattr(library, f"{name}_{'step' if k else 'init'}")
-        function(*given, memory, *out) if k else function(*given, *out, memory)
-        rows.append(list(out[1]))
+    ask, dt, rows = c_functions(model, folder), 1.0 / model.machine.rate_hz, []
+    for k, row in enumerate(zip(path.q, path.qd, path.qdd, path.t, strict=True)):
+        answers = ask("step", [*row, dt, None], 4) if k else ask("init", [*row, dt], 4)
+        rows.append(answers[1])  # of efforts of joints and drives, pressures
     return np.array(rows)
 
 

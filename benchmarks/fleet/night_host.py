@@ -111,7 +111,7 @@ def _main(order_file: Path, worker: str | None) -> None:
     def show(text: str) -> None:
         print(json.dumps({"url": text}), flush=True)
 
-    command = (sys.executable, "-I", "-S", str(Path(__file__).with_name("light_stage.py")))
+    command = (sys.executable, "-I", "-S", str(Path(stages.__file__)), "--idle")
     if worker is None:
         parts: dict[Key, Any] = {
             LAUNCH: _launch,

@@ -17,9 +17,8 @@ import numpy as np
 from scipy import signal
 from scipy.io import loadmat
 
-from benchmarks.measured.page import found_text, percent, residuals, table
 from benchmarks.measured.stacks import Found, Low, Stack, loop, refitted, relative, stack_of
-from benchmarks.targets import Check, fact
+from benchmarks.targets import Check, fact, figure
 from daq.machine.machine_file import load_machine
 from daq.recordings.recording import read_recording, write_recording
 from fitting.arrays import FloatArray
@@ -67,50 +66,13 @@ class Emps:
         apart = max(abs(100 * (self.base[name] / PUBLISHED[name] - 1)) for name in ("M", "Fv", "Fc"))
         names = self.found.names
         return (
-            percent("EMPS: largest difference from the published M, Fv, Fc", apart, 0.3),
+            figure("EMPS: largest difference from the published M, Fv, Fc", apart, "{:.2f} %", most=0.3),
             fact(
                 "EMPS: asymmetric friction found unaided", "asymmetric_friction" in names, ", ".join(names) or "nothing"
             ),
-            percent("EMPS: relative error after the loop, own motion", self.after[0], 3.2),
-            percent("EMPS: relative error after the loop, predicted on the pulses", self.after[1], 5.4),
+            figure("EMPS: relative error after the loop, own motion", self.after[0], "{:.2f} %", most=3.2),
+            figure("EMPS: relative error after the loop, predicted on the pulses", self.after[1], "{:.2f} %", most=5.4),
         )
-
-    def section(self) -> str:
-        """Write the section of the page."""
-        base = []
-        for name, unit in (("M", "kg"), ("Fv", "N s/m"), ("Fc", "N"), ("offset", "N")):
-            own, published = self.base[name], PUBLISHED[name]
-            base.append([name, unit, f"{published:.4f}", f"{own:.4f}", f"{100 * (own / published - 1):+.2f} %"])
-        own, cross = PUBLISHED_ERRORS
-        errors = [
-            ["base, published", f"{own:.2f} %", f"{cross:.2f} %"],
-            ["base", f"{self.before[0]:.2f} %", f"{self.before[1]:.2f} %"],
-            ["with asymmetric friction, published", f"{PUBLISHED_ASYMMETRIC_ERROR:.2f} %", "–"],
-            ["with asymmetric friction alone", f"{self.asymmetric[0]:.2f} %", f"{self.asymmetric[1]:.2f} %"],
-            ["with all that the loop added", f"{self.after[0]:.2f} %", f"{self.after[1]:.2f} %"],
-        ]
-        return f"""## EMPS: a carriage on a ball screw
-
-A. Janot, M. Gautier, M. Brunot, *Data set and reference models of EMPS*, Workshop on Nonlinear System Identification
-Benchmarks, 2019. [Machine file](../benchmarks/measured/machines/emps.yaml): one prismatic joint, `joint_effort`, and
-`drive: {{offset: true}}`, because the published base model has an offset too.
-
-{table(["base model", "unit", "published", "here", "difference"], base)}
-Fitted in a band of {BANDWIDTH_HZ:g} Hz. Errors are taken on every row after decimation by ten, as the
-publication does. On undecimated samples the base model has {self.raw[0]:.2f} % and {self.raw[1]:.1f} %: the edges
-of the pulses are outside any band of the motion.
-
-{table(["relative error", "own motion", "predicted on the pulses"], errors)}
-The reference repeats itself exactly every 6.24 s. So the loop was given the first two periods as `train`, the last two
-as `repeat` and the pulses as `validate`; options were left as they are.
-
-{found_text(self.found)}
-![residual against speed](measured-machines/emps.svg)
-"""
-
-    def figures(self) -> dict[str, str]:
-        """Draw the figures, by name."""
-        return {"emps": residuals(*self.residuals, "speed [m/s]", "N")}
 
 
 def files(data: Path, directory: Path) -> dict[str, Path]:

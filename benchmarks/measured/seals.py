@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.measured.page import code, svg, table
 from benchmarks.measured.stacks import Found, loop, refitted, stack_of
+from benchmarks.pages import svg
 from benchmarks.targets import Check, figure
 from daq.machine.machine_file import Machine, load_machine, machine_to_yaml
 from daq.quality import Quality
@@ -186,12 +186,10 @@ def line(read: Sequence[Pressure]) -> tuple[float, float, float]:
     bar = np.array([r.bar for r in read])
     y = np.array([r.friction for r in read])
     weight = 1.0 / np.maximum([r.std for r in read], 0.02)
-    A = np.column_stack([np.ones_like(bar), bar]) * weight[:, None]
-    theta = np.linalg.lstsq(A, y * weight, rcond=None)[0]
+    (slope, start), covariance = np.polyfit(bar, y, 1, w=weight, cov="unscaled")
     freedom = len(y) - 2
-    scatter = float(np.sum((y * weight - A @ theta) ** 2) / freedom) if freedom else 1.0
-    covariance = np.linalg.inv(A.T @ A) * max(scatter, 1.0)
-    return float(theta[0]), float(theta[1]), float(np.sqrt(covariance[1, 1]))
+    scatter = float(np.sum((weight * (y - start - slope * bar)) ** 2) / freedom) if freedom else 1.0
+    return float(start), float(slope), float(np.sqrt(covariance[0, 0] * max(scatter, 1.0)))
 
 
 def machine_of(seal: str, area: float) -> Machine:
@@ -291,64 +289,11 @@ def checks(results: Sequence[Seal]) -> tuple[Check, ...]:
     return tuple(found)
 
 
-def section(results: Sequence[Seal]) -> str:
-    """Write the section of the page; empty without seals."""
-    if not results:
-        return ""
-    readings, tried, slopes = [], [], []
-    for seal in results:
-        for reading in seal.readings:
-            speeds = f"{1e3 * reading.retracting:.1f}, {1e3 * reading.extending:.1f}"
-            friction = f"{reading.friction:.2f} ± {reading.std:.3f}"
-            cells = (f"{reading.bar:.2f}", f"{reading.width:.2f}", friction, speeds, str(reading.cycles))
-            readings.append([seal.name, *cells])
-        for trial in seal.trials:
-            names = [code(n) + (f" or {' or '.join(map(code, r))}" if r else "") for n, _, _, r in trial.found.lines]
-            fitted = f"{trial.fitted:.2f} ± {trial.fitted_std:.2f}"
-            errors = (_pair(trial.before[0], trial.after[0]), _pair(trial.before[1], trial.after[1]))
-            kept = "–" if trial.kept is None else f"{trial.kept} bar"
-            tried.append([seal.name, kept, "; ".join(names) or "nothing", fitted, *errors])
-        slopes.append([seal.name, f"{1e3 * seal.bore:.2f}", f"{seal.slope:.2f} ± {seal.slope_std:.2f}"])
-    trial_head = ["seal", "kept", "added by the loop", "slope [N/bar]", "error, fitted [N]", "error, kept [N]"]
-    read_head = ["seal", "pressure [bar]", "half width [N]", "friction [N]", "speeds in, out [mm/s]", "cycles"]
-    return f"""## Pneumatic cylinder: seal friction against pressure
-
-Data: Zillen, TU Delft (CC0). [Machine file](../benchmarks/measured/machines/pneumatic_cylinder.yaml): a cylinder
-whose rod chamber is open (`vented: rod`) and whose rod is moved by a tester with a load cell (`external_force`). One
-recording a pressure; every pressure between the lowest and the highest is kept for `validate` once. The bore is that of
-the area which carries the mean force, because the data set does not give it and it differs with the seal. Bandwidth
-{BANDWIDTH_HZ:g} Hz; the first cycle is left out.
-
-Friction over pressure, read from the widths of the force loops:
-
-{table(["seal", "bore [mm]", "slope [N/bar]"], slopes)}
-![friction against pressure](measured-machines/seals.svg)
-
-What the loop added, with no help; the slope is that of pressure-dependent friction in a joint refit beside the other
-effects:
-
-{table(trial_head, tried)}
-With one open chamber the force that the cylinder carries *is* its pressure times its area, so friction that grows with
-the load and friction that grows with the pressure are one column, and the loop says so: they come as a set. A
-back-pressure in the other chamber would tell them apart. With two pressures only there is nothing to validate on.
-
-Friction is half the width of the force loop at mid-stroke less what the pressure regulator's own hysteresis contributes
-to it. The tester pushes in the slower the higher the pressure is, so these recordings do not quite tell pressure from
-speed: the widths count all of it as pressure, the refit shares it out, and where the two move in step (O-ring257) speed
-can take pressure's place. The Kidney seal's friction levels off, and at the retracted end it sticks.
-
-{table(read_head, readings)}"""
-
-
-def _pair(before: float | None, after: float | None) -> str:
-    return "–" if before is None or after is None else f"{before:.2f} → {after:.2f}"
-
-
 _COLOURS = ("#1f6f8b", "#b3541e", "#4b7f2b", "#7a3e9d", "#8a6d00")
 _MARKERS = "osD^v"
 
 
-def figures(seals: Sequence[Seal]) -> dict[str, str]:
+def drawn(seals: Sequence[Seal]) -> str:
     """Plot friction against pressure of every seal, with standard errors and the weighted line."""
 
     def draw(figure: Any) -> None:
@@ -367,4 +312,4 @@ def figures(seals: Sequence[Seal]) -> dict[str, str]:
         ax.set_ylim(bottom=0.0)
         ax.legend(loc="lower right")
 
-    return {"seals": svg(draw, 6.4, 4.2)} if seals else {}
+    return svg(draw, 6.4, 4.2)

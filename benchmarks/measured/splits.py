@@ -16,8 +16,6 @@ from typing import Any
 import numpy as np
 
 from benchmarks.measured import sets
-from benchmarks.measured.page import percent
-from benchmarks.measured.page import table as write_table
 from benchmarks.targets import Check, figure
 from daq.errors import RecordingError
 from daq.machine.machine_file import Machine
@@ -130,40 +128,6 @@ def _at(split: Split, value: float) -> str:
     return f"{value:.3f} ({split.name}, {split.bandwidth_hz:g} Hz)"
 
 
-_SPLITS = """## The base model on another motion
-
-Fitted on one motion, judged on another of which nothing was used, in three bandwidths; relative error of all joints on
-moving rows. *Least squares* is the same regression without a prior, *possible* the nearest fit within what physics
-allows.
-
-"""
-
-
-def table(splits: list[Split], refused: list[str]) -> str:
-    """Write the section of the page on all splits; empty without any."""
-    if not splits:
-        return ""
-    head = (
-        "split",
-        "Hz",
-        "weights",
-        "least squares",
-        "possible",
-        "handed out",
-        "over least squares",
-        "over the better",
-    )
-    rows = [
-        [s.name, f"{s.bandwidth_hz:g}", s.weights, f"{s.least_squares:.2f} %", f"{s.possible:.2f} %",
-         f"**{s.base:.2f} %**", f"{s.over:.3f}", f"{s.over_better:.3f}"]
-        for s in splits
-    ]  # fmt: skip
-    notes = f"\nNot possible: {'; '.join(refused)}.\n" if refused else ""
-    return _SPLITS + write_table(head, rows) + notes
-
-
-#: Names of the ways in the order of the table; ``one_shot`` is plain least squares.
-WAYS = ("whitened", "equal", "least_squares", "possible", "one_shot", "two_stage")
 #: Share by which the base may be worse than plain least squares.
 MOST_WORSE = 0.02
 
@@ -177,10 +141,10 @@ class Ways:
     machine : its name
     chosen : which one is handed out
     ratio : training error of the whitened fit over that of least squares
-    training, held_out : relative error of each of :data:`WAYS` that there is, percent
+    training, held_out : relative error of each way that there is, percent; ``one_shot`` is plain least squares
     base, after : relative error on the held-out motion of the base that is handed out, and with what the loop added;
         the latter None where no loop was run
-    impossible : violations of physics that the report names
+    impossible : parameters by which the report names violations of physics, with their values
     """
 
     machine: str
@@ -190,7 +154,7 @@ class Ways:
     held_out: dict[str, float]
     base: float
     after: float | None
-    impossible: tuple[Mapping[str, Any], ...]
+    impossible: tuple[str, ...]
 
     @property
     def worse(self) -> float:
@@ -220,7 +184,7 @@ def ways(name: str, session: Session) -> Ways:
         {way: 100.0 * own["held_out_error"] for way, own in tried.items()},
         100.0 * relative["before"],
         100.0 * relative["after"] if session.options.loop else None,
-        refitted.plausibility.violations,
+        tuple(map(_named, refitted.plausibility.violations)),
     )
 
 
@@ -235,10 +199,10 @@ def ways_checks(results: Sequence[Ways]) -> list[Check]:
     found = []
     for own in results:
         if own.after is not None:
-            shown = ", ".join(_named(v) for v in own.impossible) or "none"
+            shown = ", ".join(own.impossible) or "none"
             found += [
-                percent("KUKA: relative error of the base model on another motion", own.base, KUKA),
-                percent("KUKA: the same with what the loop added", own.after, KUKA),
+                figure("KUKA: relative error of the base model on another motion", own.base, "{:.2f} %", most=KUKA),
+                figure("KUKA: the same with what the loop added", own.after, "{:.2f} %", most=KUKA),
                 Check("KUKA: impossible parameters that the report names", None, shown),
             ]
     return found + [_beside(own) for own in results]
@@ -251,36 +215,3 @@ def _beside(result: Ways) -> Check:
     )
     name = f"{result.machine}: base model against plain least squares, held-out motion"
     return figure(name, 100 * result.worse, "{:g} % worse", most=100 * MOST_WORSE, shown=shown)
-
-
-_NAMES = {
-    "whitened": "weighted by the noise",
-    "equal": "all efforts alike",
-    "least_squares": "the same without a plausible arm",
-    "possible": "physically possible, and no more",
-    "one_shot": "plain least squares",
-    "two_stage": "two stages",
-}
-
-
-def section(results: Sequence[Ways]) -> str:
-    """Write the section of the page on every way; empty without machines."""
-    if not results:
-        return ""
-    rows = []
-    for own in results:
-        for title, errors in (("training", own.training), ("another motion", own.held_out)):
-            cells = {way: f"{error:.2f} %" for way, error in errors.items()}
-            marks = [f"**{cells[way]}**" if way == own.chosen else cells.get(way, "–") for way in WAYS]
-            rows.append([own.machine, title, *marks, f"{own.ratio:.3f}"])
-    found = [f"{own.machine}: {'; '.join(map(_named, own.impossible)) or 'none'}" for own in results]
-    return f"""## Every way to the parameters beside plain least squares
-
-Relative error of the base model in the identification band, same rows and filter for all; what is handed out is set in
-bold. The last column is the training error of the fit that is weighted by the measured noise over that of least
-squares: above 1.02 equal weights are handed out ([decision 34](decisions/0034-weights-on-measured-machines.md)).
-Weighted and equal stand beside a plausible arm ([decision 66](decisions/0066-plausible-arm.md)).
-
-{write_table(["machine", "motion", *(_NAMES[way] for way in WAYS), "ratio"], rows)}
-Impossible parameters that the reports name. {". ".join(found)}.
-"""

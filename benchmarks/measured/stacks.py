@@ -49,6 +49,17 @@ class Found:
         """Ids of the effects that were added."""
         return tuple(name for name, *_ in self.lines)
 
+    @property
+    def strongest_others(self) -> list[Mapping[str, Any]]:
+        """The three strongest candidates that were not taken, the best first."""
+        taken = {(item["term"]["effect"], item["term"]["joint"]) for _, _, item, _ in self.lines}
+        others = [c for c in self.candidates if (c["id"], c["joint"]) not in taken]
+        return sorted(others, key=lambda c: -float(c["score"]))[:3]
+
+    def best(self, effect: str) -> Mapping[str, Any]:
+        """Return the strongest candidate of an effect."""
+        return max((c for c in self.candidates if c["id"] == effect), key=lambda c: float(c["score"]))
+
     def in_a_set(self, effect: str) -> bool:
         """Test whether an effect was added, or is in an added one's set, inseparable by the data."""
         return any(effect == name or effect in rivals for name, _, _, rivals in self.lines)

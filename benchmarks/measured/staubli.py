@@ -12,13 +12,12 @@ rows*, which are what is fitted.
 from __future__ import annotations
 
 import csv
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from scipy import signal
 
-from benchmarks.measured.page import found_text, percent, residuals, table
 from benchmarks.measured.stacks import Found, Stack, loop, refitted, relative, stack_of
 from benchmarks.targets import Check, fact, figure
 from daq.machine.machine_file import load_machine
@@ -78,64 +77,13 @@ class Staubli:
         moving = self.after.moving_blocks / self.base.moving_blocks
         return (
             figure("TX40: parameters told", self.parameters, least=61.0, shown=str(self.parameters)),
-            percent("TX40: relative error of the base model, every row", self.base.every_row, 8.4),
+            figure("TX40: relative error of the base model, every row", self.base.every_row, "{:.2f} %", most=8.4),
             figure("TX40: five blocks before the loop", self.base.every_row_blocks, "{:.2f} %"),
-            percent("TX40: five blocks after the loop", self.after.every_row_blocks, 8.1),
+            figure("TX40: five blocks after the loop", self.after.every_row_blocks, "{:.2f} %", most=8.1),
             figure("TX40: five blocks of moving rows, after over before", moving, "{:.2f}", most=0.8),
             fact("TX40: friction with a root of the speed found unaided", root, ", ".join(names)),
             fact("TX40: asymmetric and load-dependent friction refused", refused, ", ".join(names)),
         )
-
-    def section(self) -> str:
-        """Write the section of the page."""
-
-        def row(name: str, errors: Errors) -> list[str]:
-            return [name, *(f"{value:.2f} %" for value in astuple(errors))]
-
-        rows = [row("base model", self.base), row("with what the loop added", self.after)]
-        rows += [row(f"base with `{name}` on every joint (not chosen)", errors) for name, errors in self.trials.items()]
-        joints = [
-            [f"joint{number + 1}", f"{before:.2f} %", f"{after:.2f} %"]
-            for number, (before, after) in enumerate(self.joints)
-        ]
-        friction = [[f"`{name}`", f"{old:.4f}", f"{new:.4f}"] for name, old, new in self.friction]
-        refused = []
-        for name in self.trials:
-            own = max((c for c in self.found.candidates if c["id"] == name), key=lambda c: float(c["score"]))
-            refused.append(f"`{name}` (best on joint{own['joint'] + 1}, score {own['score']:.0f}: {own['reason']})")
-        return f"""## Stäubli TX40: six axes with a coupled wrist
-
-Data and published parameters: TX40 example of FIGAROH (T. Nguyen and others; CNRS; Apache-2.0).
-[Machine file](../benchmarks/measured/machines/staubli_tx40.yaml): motors are measured (`motor_position`,
-`motor_effort`), the motor of joint 6 turns with joint 5 too (`drive.coupled`). One recording of 9 s, decimated from
-5 kHz to 500 Hz without delay; no repeat, so the noise floor is an estimate.
-
-The recording tells {self.parameters} parameters: 36 of the links, 4 drive inertias, Coulomb and viscous friction and
-an offset of each joint, and three of motor 6. The base model of a direct drive has no cube root of the speed, nor has
-the published one.
-
-| relative error, all joints | every row | five blocks | moving rows | five blocks |
-|---|---|---|---|---|
-{chr(10).join("| " + " | ".join(r) + " |" for r in rows)}
-
-*Every row*: low-passed to 20 Hz and decimated to 50 Hz as for the published parameters, standstill and reversals
-included. *Moving rows*: what is fitted, in a band of {self.bandwidth_hz:.1f} Hz. *Five blocks*: contiguous in time,
-fitted on four, judged on the fifth (the effects were chosen on the whole recording).
-
-{found_text(self.found)}
-Refused: {"; ".join(refused)}.
-Put on every joint all the same, either makes the left-out blocks worse (table above).
-
-{table(["every row", "base", "after"], joints)}
-![residual of joint 1 against its speed](measured-machines/staubli.svg)
-
-Drive parameters of the base model beside the published ones (ordinary least squares, in the published meaning):
-
-{table(["parameter", "published", "here"], friction)}"""
-
-    def figures(self) -> dict[str, str]:
-        """Draw the figures, by name."""
-        return {"staubli": residuals(*self.residuals, "speed of joint 1 [rad/s]", "N m")}
 
 
 def recording(data: Path, directory: Path) -> Path:
@@ -163,9 +111,8 @@ def session_of(path: Path) -> Session:
     return Session(machine, [read_recording(path, machine, "train")])
 
 
-def base_errors(session: Session) -> tuple[int, Errors]:
+def base_errors(model: Model) -> tuple[int, Errors]:
     """Count the parameters that the recording determines; return the base model's errors."""
-    model = refitted(session, ())
     return int(np.count_nonzero(model.fit.determined)), _errors(model)
 
 
@@ -180,8 +127,8 @@ def evaluate(data: Path, directory: Path) -> Staubli:
     path = recording(data, directory)
     found = loop(MACHINE, [("train", path)], directory / "tx40")
     session = session_of(path)
-    count, base = base_errors(session)
     before, after = refitted(session, ()), refitted(session, found.terms, found)
+    count, base = base_errors(before)
     first, second = stack_of(before, 0), stack_of(after, 0)
     theta, theta_more = first.fit(), second.fit()
     own = zip(_by_joint(before, first, theta), _by_joint(after, second, theta_more), strict=True)

@@ -82,10 +82,8 @@ def judge(rig: Rig, number: int, name: str | None, seed: int, folder: Path, blem
     began = time.perf_counter()
     found = check_files(machine, files, file)
     seconds = time.perf_counter() - began
-    mistakes = [own for own in found if own.severity == "mistake"]
-    first = mistakes[0].line.replace(f"{folder}/", "") if mistakes else ""
     if made is not None:
-        return Line(label, name, rig.effect, rightly(found, made), first, seconds)
+        return Line(label, name, rig.effect, rightly(found, made), _first(found, folder), seconds)
     return Line(label, None, rig.effect, *_of_sound(machine, files, found, folder), seconds)
 
 
@@ -93,13 +91,18 @@ def _of_sound(
     machine: Machine, files: Sequence[tuple[str, Path]], found: Sequence[Finding], folder: Path, resample: bool = False
 ) -> tuple[str, str]:
     """Test whether files without a mistake were left alone; return what was reported if not."""
-    mistakes = [own for own in found if own.severity == "mistake"]
     try:
         for role, path in files:
             read_recording(path, machine, role, resample=resample)
     except InputError as error:
         return "refused", str(error).replace(f"{folder}/", "")
-    return ("accused", mistakes[0].line.replace(f"{folder}/", "")) if mistakes else ("sound", "")
+    reported = _first(found, folder)
+    return ("accused" if reported else "sound"), reported
+
+
+def _first(found: Sequence[Finding], folder: Path) -> str:
+    """Return the line of the first mistake that is reported; empty if there is none."""
+    return next((own.line.replace(f"{folder}/", "") for own in found if own.severity == "mistake"), "")
 
 
 def _measured(data: Path, folder: Path) -> Iterator[Line]:
@@ -123,22 +126,17 @@ def run(machines: int, sound: int, seed: int, only: str | None, show: Show, data
     lines: list[Line] = []
     names = [name for name in MISTAKES if only is None or only in name]
     with TemporaryDirectory(prefix="hilfit-mistakes-") as scratch:
-        made = [(k, name) for k in range(machines) for name in names] + [(_SOUND + k, None) for k in range(sound)]
-        rig: Rig | None = None
-        last = -1
-        for count, (number, name) in enumerate(made):
-            blemish = BLEMISHES[number % len(BLEMISHES)] if number >= _SOUND else ""
-            if number != last or rig is None:
-                own = 100_000 * seed + number
-                kind = KINDS[number % len(KINDS)]
-                rig = make_rig(kind, own, effect=number >= _SOUND, parked=blemish == "parked")
-                if blemish == "lost rows":
-                    rig = with_lost_rows(rig, np.random.default_rng([own, 7]))
-                last = number
-            line = judge(rig, number, name, seed, Path(scratch) / str(count), blemish)
-            if line is not None:
-                lines.append(line)
-                _show(line, show)
+        for number in (*range(machines), *range(_SOUND, _SOUND + sound)):
+            blemish, own = BLEMISHES[number % len(BLEMISHES)] if number >= _SOUND else "", 100_000 * seed + number
+            kind = KINDS[number % len(KINDS)]
+            rig = make_rig(kind, own, effect=number >= _SOUND, parked=blemish == "parked")
+            if blemish == "lost rows":
+                rig = with_lost_rows(rig, np.random.default_rng([own, 7]))
+            for name in names if number < _SOUND else (None,):
+                line = judge(rig, number, name, seed, Path(scratch) / str(len(lines)), blemish)
+                if line is not None:
+                    lines.append(line)
+                    _show(line, show)
         for line in _measured(data, Path(scratch)) if data.is_dir() and sound else ():
             lines.append(line)
             _show(line, show)

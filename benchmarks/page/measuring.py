@@ -5,10 +5,14 @@ from __future__ import annotations
 import json
 import os
 import time
+from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
 from typing import Any
+
+import yaml
 
 from benchmarks.page.site import START_S, Site, Tablet, chromium, furnish, simulated, tab
 from benchmarks.targets import Check, Outcome, Show, fact, figure
@@ -22,35 +26,8 @@ _SHOWN = (".number .value", ".strip canvas")
 _ASKED_S = 0.05
 #: Seconds of each floor.
 _FLOOR_S = 8.0
-#: What a browser drops that shows nothing, or draws one canvas of a plot's size each 94 ms, as the live view does.
-_EMPTY = """(drawn) => {
-  const context = Object.assign(document.createElement("canvas"), { width: 734, height: 150 }).getContext("2d");
-  if (drawn) {
-    document.body.append(context.canvas);
-    let count = 0;
-    setInterval(() => {
-      context.clearRect(0, 0, 734, 150);
-      context.beginPath();
-      for (let x = 0; x < 734; x += 1) context.lineTo(x, 75 + 60 * Math.sin((x + 7 * count) / 30));
-      count += 1;
-      context.stroke();
-    }, 94);
-  }
-  window.times = [];
-  requestAnimationFrame(function step(now) {
-    window.times.push(now);
-    requestAnimationFrame(step);
-  });
-}"""
-#: Notes when the frame after the page's own header is there has been drawn: the name that is in the document before
-#: any script is no view.
-_WATCH = """
-  new MutationObserver((_, observer) => {
-    if (document.querySelector("#page header") === null) return;
-    observer.disconnect();
-    requestAnimationFrame(() => setTimeout(() => (window.firstView = performance.now() / 1000)));
-  }).observe(document, { childList: true, subtree: true });
-"""
+#: What notes when the page is painted first, and a page without us.
+_FIRST_VIEW, _EMPTY = (Path(__file__).with_name(f"{name}.js") for name in ("first_view", "empty"))
 
 
 def run(tablet: Tablet, times: int, seconds: float, show: Show) -> Outcome:
@@ -94,7 +71,7 @@ def _first_view(page: Any, site: Site) -> tuple[float, float]:
     It is asked over the devtools protocol: a locator of playwright puts a script of 330 kB into the page first, which
     took a tenth of a second of the slowed-down processor.
     """
-    page.add_init_script(_WATCH)
+    page.add_init_script(path=_FIRST_VIEW)
     session = page.context.new_cdp_session(page)
     shown = " && ".join(f"document.querySelector({json.dumps(part)}) !== null" for part in _SHOWN)
     asked = {"expression": f"[window.firstView ?? null, {shown}]", "returnByValue": True}
@@ -113,7 +90,7 @@ def _first_view(page: Any, site: Site) -> tuple[float, float]:
 def _floor(page: Any, drawn: bool) -> float:
     """Measure the share of frames that a page without us drops: nothing in it could be better."""
     page.goto("about:blank")
-    page.evaluate(_EMPTY, drawn)
+    page.evaluate(_EMPTY.read_text(encoding="utf-8"), drawn)
     time.sleep(_FLOOR_S)
     times = page.evaluate("window.times")[5:]
     gaps = [later - earlier for earlier, later in pairwise(times)]
@@ -139,33 +116,22 @@ def _smoothness(page: Any, site: Site, seconds: float) -> dict[str, float]:
 
 SIZES = ((800, 1280), (1280, 800), (1440, 900))
 SCHEMES = ("light", "dark")
-#: Views by name, the address of each with what it is of, and what is there when it is whole.
+LANGUAGES = ("en", "de")
+
+
+@dataclass(frozen=True)
+class _View:
+    """A view: its address with what it is of, what is there when it is whole, what is pressed first, by language."""
+
+    address: str
+    whole: str
+    pressed: Mapping[str, str] | None = None
+
+
+#: Views by name, in the order of the pictures.
 VIEWS = {
-    "live": ("live", ".strip canvas"),
-    "alarms": ("alarms", ".alarm"),
-    "recalibrate": ("recalibrate", ".panel"),
-    "guide": ("recalibrate", ".guide-steps"),
-    "results": ("results", "table"),
-    "result": ("results/{result}", ".plot canvas"),
-    "pose": ("pose", ".pose .link"),
-    "recordings": ("recordings", "table"),
-    "recording": ("recordings", ".time-chart canvas"),
-    "jobs": ("jobs", "table"),
-    "job": ("jobs/{job}", ".steps"),
-    "calibrations": ("calibrations", ".calibration"),
-    "history": ("history", ".timeline svg"),
-    "schedules": ("schedules", ".panel"),
-    "machines": ("machines", "table"),
-    "machine": ("machines/{machine}", ".editor"),
-    "fleet": ("fleet", "table"),
-    "audit": ("service/audit", "table"),
-    "log": ("service/log", ".panel"),
-    "pair": ("pair", ".panel"),
-}
-#: What is pressed first, by language and view.
-PRESSED = {
-    "en": {"recording": "View train before the seals", "guide": "Begin"},
-    "de": {"recording": "train before the seals ansehen", "guide": "Beginnen"},
+    name: _View(**own)
+    for name, own in yaml.safe_load(Path(__file__).with_name("views.yaml").read_text(encoding="utf-8")).items()
 }
 #: What sticks out of the page sideways.
 _WIDER = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
@@ -173,7 +139,6 @@ _WIDER = "document.documentElement.scrollWidth - document.documentElement.client
 
 def pictures(target: Path, only: str | None, show: Show, language: str = "en") -> Outcome:
     """Make them in a directory, in a language of the page; each check is that a view fits its screen."""
-    pressed = PRESSED[language]
     suffix = "" if language == "en" else f"-{language}"
     target.mkdir(parents=True, exist_ok=True)
     checks: list[Check] = []
@@ -185,13 +150,14 @@ def pictures(target: Path, only: str | None, show: Show, language: str = "en") -
                 context = browser.new_context(viewport=size, color_scheme=scheme, locale=language)
                 context.set_default_timeout(60_000)
                 page = context.new_page()
-                for name, (address, there) in VIEWS.items():
+                for name, view in VIEWS.items():
                     if only is not None and name != only:
                         continue
+                    there, pressed = view.whole, view.pressed
                     path = target / f"{name}-{width}x{height}-{scheme}{suffix}.png"
-                    page.goto(f"{site.url}/#/{address.format(**ids)}")
-                    if name in pressed and not page.locator(there).first.is_visible():
-                        page.get_by_role("button", name=pressed[name]).click()
+                    page.goto(f"{site.url}/#/{view.address.format(**ids)}")
+                    if pressed is not None and not page.locator(there).first.is_visible():
+                        page.get_by_role("button", name=pressed[language]).click()
                     checks.append(_picture(page, there, path))
                     show(path.name)
                 context.close()

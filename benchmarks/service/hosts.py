@@ -7,14 +7,15 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, TypeVar
 
 import httpx2
 
 from daq.errors import InputError
 
+Answer = TypeVar("Answer")
 API = "/api/v1"
 COMMAND = (sys.executable, "-P", "-m", "server.commands.command_line")
 #: Environment of a process that computes on one core only.
@@ -115,6 +116,24 @@ def wait_for_jobs(client: httpx2.Client, jobs: Sequence[str], seconds: float) ->
             time.sleep(0.2)  # each look costs the server some milliseconds
 
 
+def polled(ask: Callable[[], Answer], seconds: float, pause_s: float, *lost: type[Exception]) -> Answer | None:
+    """Ask again and again until an answer holds; None if none did within so many seconds.
+
+    Parameters
+    ----------
+    pause_s : s between two questions
+    lost : what is raised where there is no answer yet
+    """
+    deadline = time.monotonic() + seconds
+    while True:
+        with suppress(*lost):
+            if answer := ask():
+                return answer
+        if time.monotonic() > deadline:
+            return None
+        time.sleep(pause_s)
+
+
 def wait_until(good: Callable[[], bool], seconds: float, what: str) -> None:
     """Wait until something holds; while the service does not answer it does not.
 
@@ -123,13 +142,5 @@ def wait_until(good: Callable[[], bool], seconds: float, what: str) -> None:
     InputError
         If it does not within so many seconds.
     """
-    deadline = time.monotonic() + seconds
-    while True:
-        try:
-            if good():
-                return
-        except httpx2.HTTPError:
-            pass
-        if time.monotonic() > deadline:
-            raise InputError(f"{what} was not there within {seconds:g} s; try again on a less busy computer")
-        time.sleep(0.05)
+    if not polled(good, seconds, 0.05, httpx2.HTTPError):
+        raise InputError(f"{what} was not there within {seconds:g} s; try again on a less busy computer")

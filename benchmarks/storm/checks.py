@@ -14,6 +14,7 @@ from typing import Any
 import pyarrow.parquet
 import sqlalchemy as sa
 
+from benchmarks.pages import filled
 from benchmarks.service.postgresql import OWNER
 from benchmarks.storm.stages import STAGES
 from benchmarks.storm.traffic import CANCELLED_IN, Acknowledged
@@ -39,46 +40,17 @@ COUNTED = "storm_results"
 STEPS = "storm_steps"
 #: Recalibrations that were ordered while another one was not over.
 TOGETHER = "storm_together"
-_OPEN = "SELECT NEW.id WHERE NEW.kind = 'recalibration' AND EXISTS (SELECT 1 FROM jobs AS other WHERE other.kind = \
-'recalibration' AND other.id <> NEW.id AND other.state IN ('queued', 'running'))"
-#: Trigger, table that it is on, when it fires, and what it stores (on SQLite, on PostgreSQL).
-_TRIGGERS = (
-    (COUNTED, "identifications", "UPDATE OF verdict", "SELECT NEW.id", "SELECT NEW.id"),
-    (TOGETHER, "jobs", "INSERT", _OPEN, _OPEN),
-    (
-        STEPS,
-        "operation_outputs",
-        "INSERT",
-        "SELECT NEW.workflow_uuid || ' ' || NEW.function_name || ' ' || "
-        "CAST((julianday('now') - 2440587.5) * 86400000 AS INTEGER)",
-        "SELECT NEW.workflow_uuid || ' ' || NEW.function_name || ' ' || "
-        "CAST(extract(epoch FROM clock_timestamp()) * 1000 AS BIGINT)",
-    ),
-)
-#: Schema of the engine's tables on PostgreSQL.
-_ENGINE = "dbos."
 #: Seconds after the acknowledgement of a cancel within which a stage may begin: one was being started.
 STARTING_S = 5.0
 
 
 def count_results(database: Database) -> None:
     """Put the triggers there, before the storm."""
+    names = {"counted": COUNTED, "together": TOGETHER, "steps": STEPS}
+    statements = filled("storm/triggers.sql.j2", sqlite=database.is_sqlite, **names).split("\n\n")
     with database.write() as connection:
-        for name, table, when, sqlite, postgresql in _TRIGGERS:
-            connection.exec_driver_sql(f"CREATE TABLE {name} (subject VARCHAR)")
-            if database.is_sqlite:
-                connection.exec_driver_sql(
-                    f"CREATE TRIGGER {name}_counts AFTER {when} ON {table} BEGIN INSERT INTO {name} {sqlite}; END"
-                )
-                continue
-            connection.exec_driver_sql(
-                f"CREATE FUNCTION {name}_counts() RETURNS trigger LANGUAGE plpgsql AS "
-                f"$$ BEGIN INSERT INTO public.{name} {postgresql}; RETURN NEW; END $$"
-            )
-            place = table if table != "operation_outputs" else f"{_ENGINE}{table}"
-            connection.exec_driver_sql(
-                f"CREATE TRIGGER {name}_counts AFTER {when} ON {place} FOR EACH ROW EXECUTE FUNCTION {name}_counts()"
-            )
+        for statement in filter(str.strip, statements):
+            connection.exec_driver_sql(statement)
 
 
 def _counted(database: Database, name: str) -> list[str]:

@@ -16,10 +16,13 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import cycle
 from pathlib import Path
 
 from benchmarks.service.postgresql import PostgreSQL
 from benchmarks.storm.clock import SetClock
+from server.platform.files import DataDirectory
 
 #: The small disk: what the service keeps free (256 MiB), and room for the storm and PostgreSQL.
 DISK_BYTES = 900 * 2**20
@@ -32,20 +35,25 @@ JUMPS_S = (1020.0, -1500.0, 660.0, -240.0)
 _GET, _SET, _IMMUTABLE = 0x80086601, 0x40086602, 0x10
 
 
+def _nothing() -> None:
+    """Leave it as it is."""
+
+
+@dataclass(frozen=True)
 class Fault:
-    """Something that goes wrong for a while."""
+    """Something that goes wrong for a while.
+
+    Attributes
+    ----------
+    begin : lets it go wrong
+    hold : acts again and again until it ends; most stay as they are
+    end : puts it right; what does not say how goes on from there
+    """
 
     name: str
-
-    def begin(self) -> None:
-        """Let it go wrong."""
-        raise NotImplementedError
-
-    def hold(self) -> None:
-        """Act again and again until it ends; most stay as they are."""
-
-    def end(self) -> None:
-        """Put it right; what does not override this goes on from there."""
+    begin: Callable[[], None]
+    hold: Callable[[], None] = _nothing
+    end: Callable[[], None] = _nothing
 
 
 @contextmanager
@@ -72,21 +80,12 @@ def _runs(*command: str) -> bool:
         return False
 
 
-class FullDisk(Fault):
-    """Takes every byte of a file system, and those that others give back meanwhile."""
+def _full_disk(disk: Path) -> Fault:
+    """Take every byte of a file system, and those that others give back meanwhile."""
+    ballast = disk / "ballast"
 
-    name = "disk full"
-
-    def __init__(self, disk: Path) -> None:
-        self._ballast = disk / "ballast"
-
-    def begin(self) -> None:
-        """Fill it."""
-        self.hold()
-
-    def hold(self) -> None:
-        """Fill it again."""
-        with self._ballast.open("ab") as file:
+    def fill() -> None:
+        with ballast.open("ab") as file:
             found = os.fstatvfs(file.fileno())
             step = found.f_bavail * found.f_frsize
             while step >= found.f_frsize:
@@ -96,39 +95,25 @@ class FullDisk(Fault):
                 except OSError:  # somebody was quicker
                     step //= 2
 
-    def end(self) -> None:
-        """Undo all of it."""
-        self._ballast.unlink(missing_ok=True)
+    return Fault("disk full", fill, fill, lambda: ballast.unlink(missing_ok=True))
 
 
-class ReadOnlyStore(Fault):
-    """The store cannot be changed; ``refuse`` makes it so, or takes that back."""
-
-    name = "store read-only"
-
-    def __init__(self, refuse: Callable[[bool], None]) -> None:
-        self._refuse = refuse
-
-    def begin(self) -> None:
-        """Let it refuse."""
-        self._refuse(True)
-
-    def end(self) -> None:
-        """Let it be written again."""
-        self._refuse(False)
+def _read_only(refuse: Callable[[bool], None]) -> Fault:
+    """Let the store refuse to be changed; ``refuse`` makes it so, or takes that back."""
+    return Fault("store read-only", begin=lambda: refuse(True), end=lambda: refuse(False))
 
 
-def immutable_database(database: Path) -> ReadOnlyStore:
+def _immutable_database(database: Path) -> Fault:
     """Make SQLite's file, and the folder in which it makes its journal, immutable."""
 
     def refuse(wanted: bool) -> None:
         for place in (database.parent, database):
             _immutable(place, wanted)
 
-    return ReadOnlyStore(refuse)
+    return _read_only(refuse)
 
 
-def may_be_immutable(place: Path) -> bool:
+def _may_be_immutable(place: Path) -> bool:
     """Test whether this process may set the attribute, and take it away."""
     try:
         _immutable(place, True)
@@ -148,24 +133,40 @@ def _immutable(place: Path, wanted: bool) -> None:
         os.close(descriptor)
 
 
-def read_only_sessions(server: PostgreSQL) -> ReadOnlyStore:
+def _read_only_sessions(server: PostgreSQL) -> Fault:
     """Make PostgreSQL's transactions read-only unless a session sets otherwise."""
-    return ReadOnlyStore(lambda on: server.set("default_transaction_read_only", "on" if on else None))
+    return _read_only(lambda on: server.set("default_transaction_read_only", "on" if on else None))
 
 
-class ClockSet(Fault):
-    """The hosts' wall clock is set, forward and back; it is not put right until it is set again."""
+def _clock_set(clock: SetClock) -> Fault:
+    """Set the hosts' wall clock, forward and back; it is not put right until it is set again."""
+    jumps = cycle(JUMPS_S)
 
-    name = "clock set"
+    def jump() -> None:
+        clock.seconds += next(jumps)
 
-    def __init__(self, clock: SetClock) -> None:
-        self._clock = clock
-        self._count = 0
+    return Fault("clock set", jump)
 
-    def begin(self) -> None:
-        """Set it."""
-        self._clock.seconds += JUMPS_S[self._count % len(JUMPS_S)]
-        self._count += 1
+
+def possible_faults(
+    files: DataDirectory, disk: Path | None, server: PostgreSQL | None, clock: SetClock
+) -> tuple[Fault, ...]:
+    """Return the faults that this process may make.
+
+    Parameters
+    ----------
+    files, server : the store: a directory with SQLite's file, or PostgreSQL
+    disk : file system that may be filled; None where none could be mounted
+    clock : of the hosts
+    """
+    found: list[Fault] = [_clock_set(clock)]
+    if disk is not None:
+        found.append(_full_disk(disk))
+    if server is not None:
+        found.append(_read_only_sessions(server))
+    elif _may_be_immutable(files.root):
+        found.append(_immutable_database(files.database))
+    return tuple(found)
 
 
 class Weather:

@@ -20,7 +20,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from benchmarks.service.hosts import end
+from benchmarks.service.hosts import end, polled
 from benchmarks.service.start import descendants
 from benchmarks.storm import stages
 from benchmarks.storm.faults import Weather
@@ -202,12 +202,12 @@ class Herd:
 
     def wait_up(self) -> bool:
         """Start what is missing until every host works."""
-        deadline = time.monotonic() + START_S
-        while time.monotonic() < deadline:
+
+        def up() -> bool:
             self.revive()
-            if all(host.up.wait(0.2) for host in self.hosts):
-                return True
-        return False
+            return all(host.up.wait(0.2) for host in self.hosts)
+
+        return bool(polled(up, START_S, 0.0))
 
     def stop(self) -> list[int]:
         """Stop every host that runs; exit codes."""

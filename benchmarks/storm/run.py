@@ -12,7 +12,7 @@ import os
 import random
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
@@ -21,21 +21,11 @@ from typing import Any, Literal
 
 from benchmarks.fleet.namespaces import HERE, NETWORK, hosts
 from benchmarks.fleet.site import s3_server
+from benchmarks.service.hosts import polled
 from benchmarks.service.postgresql import PostgreSQL, postgresql_server
 from benchmarks.storm.checks import all_checks, amcheck, count_results
 from benchmarks.storm.clock import SetClock, clock_file
-from benchmarks.storm.faults import (
-    PACE,
-    ClockSet,
-    Fault,
-    FullDisk,
-    Pace,
-    Weather,
-    immutable_database,
-    may_be_immutable,
-    read_only_sessions,
-    small_disk,
-)
+from benchmarks.storm.faults import PACE, Pace, Weather, possible_faults, small_disk
 from benchmarks.storm.host import HostOrder, worker_directory
 from benchmarks.storm.processes import REAL_KILLS, Herd, Killing, OnHost
 from benchmarks.storm.stages import STAGES
@@ -90,21 +80,9 @@ def run(
             if storm.real:
                 make_case(directory / "case", (machine, truth), seed, seconds=REAL_S)
             files, clock = DataDirectory((disk or directory) / "data"), SetClock(clock_file(directory / "order.json"))
-            faults = _faults(files, disk, server, clock) if storm.faults else ()
+            faults = possible_faults(files, disk, server, clock) if storm.faults else ()
             weather = Weather(faults, random.Random(seed), storm.pace)
             return storm.run(directory, simulated.machine_path, server, files, weather, elsewhere)
-
-
-def _faults(files: DataDirectory, disk: Path | None, server: PostgreSQL | None, clock: SetClock) -> tuple[Fault, ...]:
-    """Return those that this process may make."""
-    found: list[Fault] = [ClockSet(clock)]
-    if disk is not None:
-        found.append(FullDisk(disk))
-    if server is not None:
-        found.append(read_only_sessions(server))
-    elif may_be_immutable(files.root):
-        found.append(immutable_database(files.database))
-    return tuple(found)
 
 
 @dataclass(frozen=True)
@@ -178,7 +156,7 @@ class _Storm:
                 )
             traffic = Traffic(client, noted, name, recording)
             traffic.start()
-            course = self._killed(herd, noted, traffic, weather, postgresql, order_real)
+            killed, revived = self._killed(herd, noted, traffic, weather, postgresql, order_real)
             traffic.stop()
             end = self._ended(herd, client, QUIET_S + 2 * self.real * real_s)
             seen = DataDirectory(files.root, storage)
@@ -190,12 +168,7 @@ class _Storm:
             weather.clear()
             for host in herd.hosts:
                 host.kill()
-        found = (
-            course.check(self.kills),
-            *_killed_real(herd, self.real, course.after, course.after_s),
-            *_weather(weather, herd, noted, course.revived),
-        )
-        return Outcome((*found, *end, *checks, *_logs(herd, noted)))
+        return Outcome((*killed, *_weather(weather, herd, noted, revived), *end, *checks, *_logs(herd, noted)))
 
     def _first_real(
         self, client: Client, noted: Acknowledged, machine: str, case: Path
@@ -212,8 +185,11 @@ class _Storm:
     def _killed(
         self, herd: Herd, noted: Acknowledged, traffic: Traffic, weather: Weather, database: PostgreSQL | None,
         order: dict[str, Any],
-    ) -> _Course:  # fmt: skip
-        """Kill, with weather, until all that is asked for was seen; then while real identifications run."""
+    ) -> tuple[list[Check], bool]:  # fmt: skip
+        """Kill, with weather, until all that is asked for was seen; then while real identifications run.
+
+        Returns the checks of what was killed, and whether the database had ended and came back.
+        """
         show, real = self.show, self.real
         show(f"{self.seconds:g} s of kill -9; light stages stand for those of an identification, all else is real")
         killing = Killing(herd, self.chance, AIM * self.kills / self.seconds, show, weather)
@@ -226,14 +202,22 @@ class _Storm:
         killing.go_on(wanted, self.longest)
         weather.clear()
         revived = database is not None and database.revive()
-        total, counts, starting, lasted = herd.total, dict(herd.killed), herd.starting, killing.past
+        total, lasted = herd.total, killing.past
+        kinds = ", ".join(f"{count} {kind}" for kind, count in herd.killed.items() if count)
+        shown = f"{total} ({kinds}; {herd.starting} of them while they started) in {lasted:.0f} s"
+        checks = [Check("processes killed", total, shown, "at least", float(self.kills), str(self.kills))]
         if real:
             show(f"{real} real identifications, too")
             herd.wait_up()
             killing.weather = None
             traffic.order_real(real, order)
-            killing.go_on(lambda _: sum(herd.hits.values()) < real * REAL_KILLS, self.longest)
-        return _Course(total, counts, starting, lasted, revived, herd.total - total, killing.past - lasted)
+            most = real * REAL_KILLS
+            killing.go_on(lambda _: sum(herd.hits.values()) < most, self.longest)
+            hits = sum(herd.hits.values())
+            others = f"{herd.total - total - hits} other kills meanwhile, in {killing.past - lasted:.0f} s"
+            shown = f"{hits} of {most}, and {others}"
+            checks.append(figure("stages of real identifications killed", hits, least=1.0, shown=shown))
+        return checks, revived
 
     def _ended(self, herd: Herd, client: Client, longest: float) -> tuple[Check, ...]:
         """Wait until nothing is under way any more, and stop all hosts."""
@@ -253,33 +237,6 @@ class _Storm:
         )
 
 
-@dataclass(frozen=True)
-class _Course:
-    """Kills of a storm.
-
-    Attributes
-    ----------
-    total, counts, starting : processes before real identifications ran, by kind, and those that were starting
-    lasted : seconds until then
-    revived : whether the database was ended and came back
-    after, after_s : processes since, and seconds
-    """
-
-    total: int
-    counts: Mapping[str, int]
-    starting: int
-    lasted: float
-    revived: bool
-    after: int
-    after_s: float
-
-    def check(self, kills: int) -> Check:
-        """Check against the request."""
-        kinds = ", ".join(f"{count} {kind}" for kind, count in self.counts.items() if count)
-        shown = f"{self.total} ({kinds}; {self.starting} of them while they started) in {self.lasted:.0f} s"
-        return Check("processes killed", self.total, shown, "at least", float(kills), str(kills))
-
-
 def _logs(herd: Herd, noted: Acknowledged) -> tuple[Check, ...]:
     """Check what the logs hold, and how requests were answered."""
     errors = ", ".join(f"{count} {event}" for event, count in sorted(herd.log_events().items())) or "none"
@@ -289,12 +246,8 @@ def _logs(herd: Herd, noted: Acknowledged) -> tuple[Check, ...]:
 
 def _left(herd: Herd) -> dict[str, int]:
     """Count children of each kind; one kept for another job has some time to end."""
-    deadline = time.monotonic() + LEAVING_S
-    while True:
-        left = {kind: len(pids) for kind, pids in herd.children().items()}
-        if not left["real stage"] or time.monotonic() > deadline:
-            return left
-        time.sleep(0.3)
+    polled(lambda: not herd.children()["real stage"], LEAVING_S, 0.3)
+    return {kind: len(pids) for kind, pids in herd.children().items()}
 
 
 def _weather(weather: Weather, herd: Herd, noted: Acknowledged, revived: bool) -> Iterator[Check]:
@@ -321,11 +274,3 @@ def _database(files: DataDirectory, url: str | None, herd: Herd | None = None) -
         raise RuntimeError(f"the service did not start; {herd.server.log.read_text()[-2000:]}")
     with closing(Database(url or files.database, TABLES, changed=lambda: None)) as database:
         yield database
-
-
-def _killed_real(herd: Herd, real: int, after: int, seconds: float) -> Iterator[Check]:
-    """Check how often real identifications were hit, after the rest of the storm."""
-    if real:
-        hits, most = sum(herd.hits.values()), real * REAL_KILLS
-        shown = f"{hits} of {most}, and {after - hits} other kills meanwhile, in {seconds:.0f} s"
-        yield figure("stages of real identifications killed", hits, least=1.0, shown=shown)

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import http.client
 import json
 import math
 import queue
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
-from benchmarks.service.hosts import API, FITTED
+import httpx2
+
+from benchmarks.service.hosts import API, FITTED, polled
 from benchmarks.storm.stages import STAGES
 
 #: Jobs that may be open before no more are ordered.
@@ -79,39 +78,35 @@ class Client:
         self._address = address
         self._noted = noted
         self._lock = threading.Lock()
+        # A connection for each: a server that is killed takes those that were kept along.
+        self._http = httpx2.Client(timeout=PATIENCE_S, limits=httpx2.Limits(max_keepalive_connections=0))
 
     def ask(self, method: str, path: str, content: Any = None, headers: dict[str, str] | None = None) -> Any:
         """Return status and JSON of one answer; NoAnswerError if none came."""
         address = self._address()
         if address is None:
             raise _NoAnswerError
-        place = urlsplit(address)
-        connection = http.client.HTTPConnection(place.hostname or "", place.port, timeout=PATIENCE_S)
         body = content if isinstance(content, bytes) or content is None else json.dumps(content).encode()
         kind = {"Content-Type": "application/json"} if body is not None else {}
         try:
-            connection.request(method, API + path, body, kind | (headers or {}))
-            answer = connection.getresponse()
-            read = answer.read()
-            self._count(answer.status)
-            found = json.loads(read) if read else None
-            if answer.status >= 400:
-                self._look(f"{method} {path}: {answer.status}", answer, found)
-            if answer.status >= 500:
-                raise _NoAnswerError
-            return answer.status, found
-        except (OSError, http.client.HTTPException, ValueError):
+            answer = self._http.request(method, address + API + path, content=body, headers=kind | (headers or {}))
+            found = answer.json() if answer.content else None
+        except (httpx2.HTTPError, ValueError):
             self._count(0)
             raise _NoAnswerError from None
-        finally:
-            connection.close()
+        self._count(answer.status_code)
+        if answer.is_error:
+            self._look(f"{method} {path}: {answer.status_code}", answer, found)
+        if answer.is_server_error:
+            raise _NoAnswerError
+        return answer.status_code, found
 
-    def _look(self, what: str, answer: http.client.HTTPResponse, found: Any) -> None:
+    def _look(self, what: str, answer: httpx2.Response, found: Any) -> None:
         """Note a refusal that does not name what is wrong and what to do."""
         detail = str(found.get("detail", "")) if isinstance(found, dict) else ""
         if not detail or "\n" in detail or not str(found.get("type", "")).startswith("urn:hilfit:problem:"):
             self._noted.poor.append(f"{what}: {found}")
-        if answer.status == 503 and answer.getheader("Retry-After") is None:
+        if answer.status_code == 503 and "Retry-After" not in answer.headers:
             self._noted.poor.append(f"{what} without Retry-After: {detail}")
 
     def _count(self, status: int) -> None:
@@ -290,34 +285,28 @@ def _created(client: Client, path: str, body: Any) -> Any:
 
 
 def _answer(ask: Callable[[], Any], seconds: float) -> Any:
-    deadline = time.monotonic() + seconds
-    while time.monotonic() < deadline:
-        with suppress(_NoAnswerError):
-            if answer := ask():
-                return answer
-        time.sleep(0.2)
-    raise RuntimeError(f"the service was not ready for the storm in {seconds:g} s")
+    answer = polled(ask, seconds, 0.2, _NoAnswerError)
+    if answer is None:
+        raise RuntimeError(f"the service was not ready for the storm in {seconds:g} s")
+    return answer
 
 
 def becomes_quiet(client: Client, seconds: float) -> bool:
     """Wait until no job is open and nothing is recorded, the schedule switched off; False if that takes too long."""
-    deadline = time.monotonic() + seconds
-    off = False
-    while time.monotonic() < deadline:
-        try:
-            if not off:
-                _, found = client.ask("GET", "/schedules")
-                for schedule in found["items"]:
-                    id, *_ = (schedule.pop(key, None) for key in ("id", "created", "next", "last"))
-                    code, _ = client.ask("PUT", f"/schedules/{id}", schedule | {"enabled": False})
-                    off = code == 200
-            _, status = client.ask("GET", "/status")
-            _, found = client.ask("GET", "/recordings?state=recording")
-            acquired = all(state["state"] == "running" for state in status["acquisition"].values())
-            busy = sum(status["jobs"].get(state, 0) for state in ("queued", "running"))
-            if off and acquired and not busy and not found["items"]:
-                return True
-        except _NoAnswerError:
-            pass
-        time.sleep(0.3)
-    return False
+    off: set[str] = set()
+
+    def quiet() -> bool:
+        for schedule in [own for own in _items(client, "/schedules") if own["id"] not in off]:
+            id, *_ = (schedule.pop(key, None) for key in ("id", "created", "next", "last"))
+            if client.ask("PUT", f"/schedules/{id}", schedule | {"enabled": False})[0] == 200:
+                off.add(id)
+        status = client.ask("GET", "/status")[1]
+        acquired = all(state["state"] == "running" for state in status["acquisition"].values())
+        busy = sum(status["jobs"].get(state, 0) for state in ("queued", "running"))
+        return bool(off) and acquired and not busy and not _items(client, "/recordings?state=recording")
+
+    return bool(polled(quiet, seconds, 0.3, _NoAnswerError))
+
+
+def _items(client: Client, path: str) -> Any:
+    return client.ask("GET", path)[1]["items"]

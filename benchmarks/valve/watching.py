@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -39,12 +38,8 @@ CHANGES = (("edge_wear", "shifted", 0.02), ("slower_spool", "pilot", 0.3), ("nul
 Found = dict[str, Any]
 
 
-@dataclass(frozen=True)
-class _Work:
-    """Rows of one motion, and when it was: after which change, if any."""
-
-    change: str
-    rows: np.ndarray[Any, Any]
+#: Rows of one motion as a ring buffer has them.
+Rows = np.ndarray[Any, Any]
 
 
 def _watched(folder: Path, key: ValveKey) -> Found:
@@ -57,14 +52,14 @@ def _watched(folder: Path, key: ValveKey) -> Found:
     judged = [read_recording(folder / "validate.parquet", machine, "validate")]
     (folder / "valve.json").write_text(json.dumps(identify_valves(machine, train, judged).report), encoding="utf-8")
     work = list(_worked(key))
-    healthy = _monitored(folder, machine, [own.rows for own in work if not own.change])
+    healthy = _monitored(folder, machine, [rows for change, rows in work if not change])
     drifting = np.array([False, *(bool(one["drifting"]) for one in healthy)])
     alarms = int(np.count_nonzero(drifting[1:] & ~drifting[:-1]))
     found: Found = {"case": key.text, "blocks": len(healthy), "alarms": alarms, "changes": []}
     memory = (folder / "memory.json").read_bytes()
     for name, form, size in CHANGES:
         (folder / "memory.json").write_bytes(memory)  # a change is watched from where the healthy machine stood
-        reports = _monitored(folder, machine, [own.rows for own in work if own.change == name])
+        reports = _monitored(folder, machine, [rows for change, rows in work if change == name])
         first = next((number for number, one in enumerate(reports, 1) if one["drifting"]), None)
         last = next(own for own in reports[-1]["joints"] if own["joint"] == machine.joints[0].name)
         spec = ValveEffectSpec(name, form, machine.joints[0].name, size)
@@ -75,7 +70,8 @@ def _watched(folder: Path, key: ValveKey) -> Found:
     return found
 
 
-def _worked(key: ValveKey) -> Iterator[_Work]:
+def _worked(key: ValveKey) -> Iterator[tuple[str, Rows]]:
+    """Let a machine work: after which change, if any, and the rows of each motion."""
     machine, truth, _, guesses, _, quality, noise = order_of(key)
     runs, changes = list[Run](), list[str]()
     for number, (name, form, size) in enumerate((("", "", 0.0), *CHANGES)):
@@ -92,10 +88,10 @@ def _worked(key: ValveKey) -> Iterator[_Work]:
         table = recorded(machine, course, quality, np.random.default_rng([noise, 54, place]))  # type: ignore[arg-type]
         rows = np.zeros(len(course.time), dtype=row_dtype(len(names)))
         rows["time"], rows["values"] = course.time, np.column_stack([table[name] for name in names])
-        yield _Work(change, rows)
+        yield change, rows
 
 
-def _monitored(folder: Path, machine: Machine, several: Sequence[np.ndarray[Any, Any]]) -> list[Mapping[str, Any]]:
+def _monitored(folder: Path, machine: Machine, several: Sequence[Rows]) -> list[Mapping[str, Any]]:
     """Monitor each block; between motions rows are missing."""
     rules = Rules()
     order = Order("valves", folder / "valve.json", folder / "machine.yaml", "", folder / "memory.json", rules)

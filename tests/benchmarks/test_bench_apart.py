@@ -10,8 +10,8 @@ import pytest
 
 from benchmarks.attribution import apart as separability
 from benchmarks.attribution.apart import TELLABLE, apart
-from benchmarks.attribution.making import BenchCase, TrueEffect, opened
-from benchmarks.attribution.recipe import CaseKey, Selection
+from benchmarks.attribution.making import BenchCase, TrueEffect
+from benchmarks.attribution.recipe import CaseKey, Selection, opened
 from benchmarks.attribution.sight import FITTED, Sight
 from benchmarks.attribution.summary import inseparable, untellable
 from sim_backends.undeclared import EffectSpec

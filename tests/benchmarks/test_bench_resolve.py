@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from benchmarks.attribution import resolving
-from benchmarks.attribution.making import BenchCase, TrueEffect, opened
-from benchmarks.attribution.recipe import INSIDE, CaseKey, Selection
+from benchmarks.attribution.making import BenchCase, TrueEffect
+from benchmarks.attribution.recipe import INSIDE, CaseKey, Selection, opened
 from daq.motion_files import Motion
 from fitting.loop.closing import Asked
 

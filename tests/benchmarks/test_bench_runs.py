@@ -13,16 +13,18 @@ import pytest
 
 from benchmarks.attribution import making, runs, summary
 from benchmarks.attribution.judging import Findings
-from benchmarks.attribution.making import BenchCase, _draw, make_case, opened
+from benchmarks.attribution.making import BenchCase, make_case
 from benchmarks.attribution.recipe import (
     KINDS,
     RECIPE,
     RECIPES,
     CaseKey,
     Selection,
+    draw_effect,
     draw_quality,
     generator,
     largest,
+    opened,
 )
 from daq.errors import InputError
 from sim_backends.machines import ARMS
@@ -128,7 +130,8 @@ def test_the_third_recipe_still_makes_its_cases(key: tuple[str, int, int]) -> No
     kind, number, seed = key
     selection = Selection(seconds=20.0, recipe=3)
     rng, plan, quality = opened(CaseKey(kind, number, seed), selection)
-    assert (plan.machine.name, *_draw(rng, kind, plan, selection)) == OF_RECIPE_3[key]
+    effect, _ = draw_effect(rng, kind, plan, selection)
+    assert (plan.machine.name, effect.id, effect.joint) == OF_RECIPE_3[key]
     assert quality.pressure_resolution in {25.0e6 / 2**bits for bits in (14, 15, 16)}
 
 

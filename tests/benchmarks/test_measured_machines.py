@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.measured import DATA, MACHINES, emps, page, run, seals, staubli
+from benchmarks import pages
+from benchmarks.measured import DATA, MACHINES, emps, run, seals, staubli
 from benchmarks.measured.seals import Pressure
 from benchmarks.measured.stacks import refitted, relative
 from benchmarks.targets import silent
@@ -53,14 +54,15 @@ def test_the_loop_finds_asymmetric_friction_on_emps(tmp_path: Path) -> None:
 def test_tx40_tells_61_parameters(tmp_path: Path) -> None:
     folder = data("staubli_tx40")
     session = staubli.session_of(staubli.recording(folder, tmp_path))
-    told, errors = staubli.base_errors(session)
+    base = refitted(session, ())
+    told, errors = staubli.base_errors(base)
     assert told == 61
     assert errors.every_row <= 8.4
     assert errors.moving < errors.every_row  # standstill and reversals are what the base model cannot do
     assert errors.every_row < errors.every_row_blocks < 10.0
     for name, with_it in staubli.trials(session).items():  # what the loop refuses here would not help
         assert with_it.every_row_blocks >= errors.every_row_blocks - 0.05, name
-    friction = {name: (published, here) for name, published, here in staubli.friction(folder, refitted(session, ()))}
+    friction = {name: (published, here) for name, published, here in staubli.friction(folder, base)}
     for name in ("fv1", "fv2", "fv3", "fv4", "fv5", "fv6", "fvm6"):
         published, here = friction[name]
         assert here == pytest.approx(published, rel=0.06), name
@@ -133,7 +135,7 @@ def test_the_weighted_line_and_its_standard_deviation() -> None:
 @pytest.mark.slow
 def test_figures_do_not_depend_on_the_day() -> None:
     x = np.linspace(-1, 1, 500)
-    first, second = (page.residuals(x, np.sin(9 * x), 0.1 * x, "speed [m/s]", "N") for _ in range(2))
+    first, second = (pages.residuals(x, np.sin(9 * x), 0.1 * x, "speed [m/s]", "N") for _ in range(2))
     assert first == second
     assert "speed [m/s]" in first and "<metadata>" not in first
     assert len(first) < 150_000

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.paper import page
-from benchmarks.paper.page import curve
-from benchmarks.paper.runs import PUBLISHED_STD, ArmRun, Claims, CylinderRun, StribeckRun, checks, rank
+from benchmarks import paper
+from benchmarks.paper import PUBLISHED_STD, ArmRun, Claims, CylinderRun, StribeckRun, checks, curve, rank
 from sim_backends.machines import folding_arm, slewing_arm
 
 NAMES = ("m", "K", "f_c", "f_v", "f_s")
@@ -76,22 +75,22 @@ def test_the_rank_is_that_of_the_arm(arm: Any, count: int) -> None:
     ],
 )
 def test_the_verdict_on_two_stages_follows_the_intervals(interval: tuple[float, float], said: str, order: str) -> None:
-    text = page.text(claims(interval=interval), "paper")
+    text = paper.text(claims(interval=interval), "paper")
     assert said in text and order in text
 
 
 def test_what_is_not_found_and_what_is_left_out_is_said() -> None:
-    text = page.text(claims(named=False), "paper")
+    text = paper.text(claims(named=False), "paper")
     assert "Not found: the loop says nothing" in text
     assert "EMPS: no data in data/emps, left out" in text
     assert [check.met for check in checks(claims(named=False))].count(False) == 1
 
 
 def test_published_figures_stand_beside_those_of_the_run() -> None:
-    text = page.text(claims(), "paper")
+    text = paper.text(claims(), "paper")
     row = next(line for line in text.splitlines() if line.startswith("| published"))
     assert [float(cell) for cell in row.split("|")[2:8]] == list(PUBLISHED_STD)
     # 0.24 against the published six: lower at 0.289, 0.378 and 0.336.
     assert "Lower than published at 3 of 6 joints" in text
     wrong = replace(claims().shown, rank=17)
-    assert "Not as published" in page.text(replace(claims(), shown=wrong), "paper")
+    assert "Not as published" in paper.text(replace(claims(), shown=wrong), "paper")

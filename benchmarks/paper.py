@@ -1,10 +1,12 @@
-"""Runs that the page of the claims is made of: simulated arms whose truth is known, and measured machines.
+"""The claims that hilfit began with, made again in kind: counts, cylinders, errors, friction, two stages.
 
-Truth is read here after the fits, and never by them. One arm has Stribeck friction that its model lacks."""
+Simulated arms whose truth is known, one of them with Stribeck friction that its model lacks, and measured machines.
+Truth is read here after the fits, and never by them. Nothing on the page is typed: numbers and verdicts are the run's.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,9 +18,10 @@ import hilfit
 from benchmarks.attribution.judging import recordings_of
 from benchmarks.attribution.verdicts import truth_vector
 from benchmarks.measured import sets
-from benchmarks.samples import files_of, named
+from benchmarks.pages import AFTER, BEFORE, TRUTH, filled, svg, write
+from benchmarks.samples import identified, named
 from benchmarks.stages import compare_ways
-from benchmarks.targets import ARMS, Arm, Check, Show, fact, figure
+from benchmarks.targets import ARMS, Arm, Check, Outcome, Show, fact, figure
 from daq.machine.machine_file import Machine
 from fitting.arm.dynamics import rigid_body_regressor
 from fitting.arm.linkage import lever_arm
@@ -36,6 +39,17 @@ PUBLISHED_COUNTS = (78, 18)
 #: States at which the rank of the regressor is computed by its singular values.
 _STATES = 2000
 _RANK_TOLERANCE = 1e-9  # of the largest singular value
+#: The joint, and its extra friction at breakaway over its Coulomb friction.
+JOINT, SHARE = "joint2", 0.6
+#: Speeds of the curves, shares of the fastest piston speed of the fitted motions.
+_LOWEST = 0.01
+_UNITS = {"m": "kg", "K": "N/m", "f_c": "N", "f_v": "N s/m", "f_s": "N (s/m)^(1/3)"}
+#: Percent: differences below are none.
+_EQUAL = 0.05
+#: Errors on an unseen motion of up to so many noise floors are noise.
+_MOST_FLOORS = 1.2
+#: Deviations from the truth beyond which a 95 % interval does not hold it.
+_Z95 = 1.96
 
 
 @dataclass(frozen=True)
@@ -57,6 +71,16 @@ class CylinderRun:
     truth: FloatArray
     residual_std: float
     fastest: float
+
+    @property
+    def estimates(self) -> list[tuple[float, float, float]]:
+        """Value, standard deviation and truth of each parameter."""
+        return list(zip(self.theta, np.sqrt(np.diag(self.covariance)), self.truth, strict=True))
+
+    def apart(self, name: str) -> float:
+        """Compute the share by which a parameter is off its truth."""
+        k = self.names.index(name)
+        return abs(float(self.theta[k] / self.truth[k]) - 1.0)
 
 
 @dataclass(frozen=True)
@@ -88,6 +112,33 @@ class ArmRun:
 
 
 @dataclass(frozen=True)
+class StribeckRun:
+    """Friction of one cylinder over piston speed.
+
+    Attributes
+    ----------
+    size : N, extra friction at breakaway
+    speed : (N,) m/s
+    truth, base, corrected : (N,) N: the plant's, the base model's, the corrected model's
+    before, after : N, root mean square distance of the two models' curves from the truth
+    named : whether the loop names Stribeck friction at the joint, alone or in a set
+    findings : what the loop names
+    errors : N m on the validation motion: noise floor, before, after
+    """
+
+    size: float
+    speed: FloatArray
+    truth: FloatArray
+    base: FloatArray
+    corrected: FloatArray
+    before: float
+    after: float
+    named: bool
+    findings: str
+    errors: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
 class Claims:
     """All runs of a page.
 
@@ -105,6 +156,15 @@ class Claims:
     measured: Mapping[str, Mapping[str, Any]]
     stribeck: StribeckRun
     skipped: tuple[str, ...]
+
+
+def run(count: int, seed: int, data: Path, page: Path | None, show: Show) -> Outcome:
+    """Make the runs, and the page where one is wanted."""
+    claims = claims_of(count, seed, data, show)
+    if page is not None:
+        figures = {"cylinders": _cylinders_figure(claims.shown), "stribeck": _stribeck_figure(claims.stribeck)}
+        write(page, text(claims, page.stem), figures)
+    return Outcome(checks(claims), claims.skipped)
 
 
 def claims_of(count: int, seed: int, data: Path, show: Show) -> Claims:
@@ -161,23 +221,29 @@ def rank(machine: Machine, seed: int) -> int:
 
 def _cylinders(case: Case, session: Session, results: StageResults) -> tuple[CylinderRun, ...]:
     free = next(r for r in session.recordings if r.role == "unloaded")
-    found = []
-    for own in results[Cylinders].cylinders:
-        position = np.asarray(free.values[f"{own.joint}.piston_position"])
-        speed = np.abs(np.gradient(position, free.time))
-        truth = vars(case.truth.cylinders[own.joint])
-        found.append(
-            CylinderRun(
-                own.joint,
-                own.names,
-                own.theta,
-                np.array(own.covariance, dtype=float),
-                np.array([truth[name] for name in own.names]),
-                own.residual_std,
-                float(np.quantile(speed, 0.99)),
-            )
+    return tuple(
+        CylinderRun(
+            own.joint,
+            own.names,
+            own.theta,
+            np.array(own.covariance, dtype=float),
+            np.array([getattr(case.truth.cylinders[own.joint], name) for name in own.names]),
+            own.residual_std,
+            _fastest(free.values[f"{own.joint}.piston_position"], free.time),
         )
-    return tuple(found)
+        for own in results[Cylinders].cylinders
+    )
+
+
+def _fastest(position: FloatArray, time: FloatArray) -> float:
+    """Compute the largest speed of a piston (N,), but for one row in a hundred, m/s."""
+    return float(np.quantile(np.abs(np.gradient(np.asarray(position), time)), 0.99))
+
+
+def _speeds(fastest: float, count: int) -> FloatArray:
+    """List so many speeds each way, (2 count,) m/s, from a hundredth of the fastest."""
+    half = np.geomspace(_LOWEST * fastest, fastest, count)
+    return np.concatenate([-half[::-1], half])
 
 
 def _measured(data: Path, show: Show) -> tuple[dict[str, Mapping[str, Any]], tuple[str, ...]]:
@@ -202,7 +268,7 @@ def checks(claims: Claims) -> tuple[Check, ...]:
     folding = [each for each in claims.arms if each.arm == "folding"]
     counts = {each.counts for each in folding}
     ranks = {each.rank for each in folding}
-    worst = {name: max(_apart(c, name) for each in claims.arms for c in each.cylinders) for name in ("f_c", "K")}
+    worst = {name: max(c.apart(name) for each in claims.arms for c in each.cylinders) for name in ("f_c", "K")}
     bump, unseen = claims.stribeck, "error on the unseen motion"
     return (
         fact("parameters of a folding arm", counts == {PUBLISHED_COUNTS}, f"{own.counts[0]} to {own.counts[1]}"),
@@ -226,53 +292,14 @@ def over_floor(own: ArmRun) -> float:
     return float(np.sqrt(np.mean((own.unseen / own.floor) ** 2)))
 
 
-def _apart(cylinder: CylinderRun, name: str) -> float:
-    k = cylinder.names.index(name)
-    return abs(float(cylinder.theta[k] / cylinder.truth[k]) - 1.0)
-
-
-#: The joint, and its extra friction at breakaway over its Coulomb friction.
-JOINT, SHARE = "joint2", 0.6
-#: Speeds of the curves, shares of the fastest piston speed of the fitted motions.
-_LOWEST = 0.01
-
-
-@dataclass(frozen=True)
-class StribeckRun:
-    """Friction of one cylinder over piston speed.
-
-    Attributes
-    ----------
-    size : N, extra friction at breakaway
-    speed : (N,) m/s
-    truth, base, corrected : (N,) N: the plant's, the base model's, the corrected model's
-    before, after : N, root mean square distance of the two models' curves from the truth
-    named : whether the loop names Stribeck friction at the joint, alone or in a set
-    findings : what the loop names
-    errors : N m on the validation motion: noise floor, before, after
-    """
-
-    size: float
-    speed: FloatArray
-    truth: FloatArray
-    base: FloatArray
-    corrected: FloatArray
-    before: float
-    after: float
-    named: bool
-    findings: str
-    errors: tuple[float, float, float]
-
-
 def _stribeck_run(seed: int) -> StribeckRun:
     """Identify a folding arm with Stribeck friction at :data:`JOINT`, with the loop, through ``import hilfit``."""
     with TemporaryDirectory(prefix="hilfit-paper-") as scratch:
         folder = Path(scratch)
         case = _case(folder, seed)
-        files: dict[str, Any] = files_of(folder)
-        found = hilfit.identify(folder / "machine.yaml", **files)
-        base = hilfit.identify(folder / "machine.yaml", **files, loop=False)
-    speed = _speeds(case)
+        found, base = identified(folder), identified(folder, loop=False)
+    train = case.recordings["train-1"]
+    speed = _speeds(_fastest(train[f"{JOINT}.piston_position"], train["time"]), 60)
     truth = _truth(case, seed, speed)
     curves = [_friction(result.model, case, speed) for result in (base, found)]
     before, after = (float(np.sqrt(np.mean((curve - truth) ** 2))) for curve in curves)
@@ -299,13 +326,6 @@ def _case(folder: Path, seed: int) -> Case:
     machine, truth = folding_arm(seed)
     size = SHARE * truth.cylinders[JOINT].f_c
     return make_case(folder, (machine, truth), seed, [EffectSpec("stribeck", JOINT, size)])
-
-
-def _speeds(case: Case) -> FloatArray:
-    train = case.recordings["train-1"]
-    fastest = float(np.quantile(np.abs(np.gradient(train[f"{JOINT}.piston_position"], train["time"])), 0.99))
-    half = np.geomspace(_LOWEST * fastest, fastest, 60)
-    return np.concatenate([-half[::-1], half])
 
 
 def _truth(case: Case, seed: int, v: FloatArray) -> FloatArray:
@@ -336,3 +356,112 @@ def _friction(model: hilfit.Model, case: Case, v: FloatArray) -> FloatArray:
     qd = np.zeros_like(q)
     qd[:, joint] = v / r
     return np.asarray(model.friction(q, qd)[:, joint] / r)
+
+
+def text(claims: Claims, folder: str) -> str:
+    """Write the page; ``folder`` has its figures."""
+    own, simulated = claims.shown, [each.compared for each in claims.arms]
+    machines = {f"{each.arm} arm {each.seed}": each.compared for each in claims.arms} | dict(claims.measured)
+    contenders = [compared["contenders"] for compared in machines.values()]
+    estimates = [estimate for each in own.cylinders for estimate in each.estimates]
+    better, worse, _ = sides(machines.values(), "one_shot_with_unloaded")
+    return filled(
+        "paper.md.j2",
+        claims=claims,
+        folder=folder,
+        folding=sum(each.arm == "folding" for each in claims.arms),
+        deviations=_deviations,
+        as_published=own.counts == PUBLISHED_COUNTS and own.rank == own.counts[1],
+        base_inside=sum(_deviations(*estimate) < _Z95 for _, *estimate in own.base),
+        units=_UNITS,
+        inside=sum(_deviations(*estimate) < _Z95 for estimate in estimates),
+        total=len(estimates),
+        worst={name: max(each.apart(name) for each in own.cylinders) for name in _UNITS},
+        curves_apart=max(_curve_error(each) for each in own.cylinders),
+        residuals=(
+            ("published, motion that was fitted", PUBLISHED_STD),
+            ("here, motions that were fitted", own.fitted),
+            ("here, another motion", own.unseen),
+            ("here, noise floor", own.floor),
+        ),
+        lower=sum(a < b for a, b in zip(own.fitted, PUBLISHED_STD, strict=True)),
+        floors=over_floor(own),
+        most_floors=_MOST_FLOORS,
+        machines=machines,
+        simulated=simulated,
+        sides=sides,
+        conditioned=_conditioned(contenders),
+        gains=better > worse,
+        refits=(sum(own["joint_refit"]["overall"] < own["one_shot"]["overall"] for own in contenders), len(contenders)),
+    )
+
+
+def _deviations(value: float, std: float, truth: float) -> float:
+    """Compute how many standard deviations an estimate is from the truth."""
+    return abs(value - truth) / std if std > 0 else float("inf")
+
+
+def _curve_error(own: CylinderRun) -> float:
+    """Compute the RMS distance of a friction curve from the truth over the RMS of the truth, over the speeds."""
+    v = np.linspace(-own.fastest, own.fastest, 201)
+    found, _, truth = curve(own, v)
+    return float(np.linalg.norm(found - truth) / np.linalg.norm(truth))
+
+
+def sides(compared: Iterable[Mapping[str, Any]], against: str) -> tuple[int, int, int]:
+    """Count where the two stages are better, worse, and the same within the interval, against another way."""
+    intervals = [own["against"][against]["ci95_percent"] for own in compared if against in own["against"]]
+    known = [interval for interval in intervals if interval is not None]
+    better, worse = sum(high < -_EQUAL for _, high in known), sum(low > _EQUAL for low, _ in known)
+    return better, worse, len(known) - better - worse
+
+
+def _conditioned(contenders: Iterable[Mapping[str, Any]]) -> tuple[int, int]:
+    """Count the machines on which the two stages are better conditioned, and those of which that is known."""
+    pairs = [(own["hierarchical"]["condition_number"], own["one_shot"]["condition_number"]) for own in contenders]
+    known = [(a, b) for a, b in pairs if a is not None and b is not None]
+    return sum(a < (1.0 - _EQUAL / 100.0) * b for a, b in known), len(known)
+
+
+def curve(own: CylinderRun, v: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Compute stage 1's friction (N,) in N at piston speeds (N,) in m/s, its standard deviation, and the truth."""
+    k = [own.names.index(name) for name in ("f_c", "f_v", "f_s")]
+    B = np.column_stack([np.sign(v), v, np.cbrt(v)])
+    std = np.sqrt(np.einsum("ni,ij,nj->n", B, own.covariance[np.ix_(k, k)], B))
+    return np.asarray(B @ own.theta[k]), np.asarray(std), np.asarray(B @ own.truth[k])
+
+
+def _cylinders_figure(own: ArmRun) -> str:
+    """Plot friction over piston speed of every cylinder: stage 1, its 95 % band, and the truth."""
+
+    def draw(figure: Any) -> None:
+        for ax, each in zip(figure.subplots(2, 3).flat, own.cylinders, strict=False):
+            v = _speeds(each.fastest, 50)
+            found, std, truth = curve(each, v)
+            ax.fill_between(1e3 * v, found - _Z95 * std, found + _Z95 * std, color=AFTER, alpha=0.25, linewidth=0)
+            ax.plot(1e3 * v, found, color=AFTER, linewidth=1.3, label="stage 1, 95 % band")
+            ax.plot(1e3 * v, truth, "--", color=TRUTH, linewidth=1.0, label="truth")
+            ax.set_title(each.joint, fontsize=10)
+        figure.axes[0].legend(loc="upper left", fontsize=8)
+        for ax in figure.axes[3:]:
+            ax.set_xlabel("piston speed [mm/s]")
+        for ax in (figure.axes[0], figure.axes[3]):
+            ax.set_ylabel("friction [N]")
+
+    return svg(draw, 9.0, 5.0)
+
+
+def _stribeck_figure(own: StribeckRun) -> str:
+    """Plot friction with a bump that the base model lacks, before and after the loop."""
+
+    def draw(figure: Any) -> None:
+        ax = figure.subplots()
+        v = 1e3 * own.speed
+        ax.plot(v, own.base, color=BEFORE, linewidth=1.3, label=f"base model: {own.before:.1f} N off")
+        ax.plot(v, own.corrected, color=AFTER, linewidth=1.3, label=f"after the loop: {own.after:.1f} N off")
+        ax.plot(v, own.truth, "--", color=TRUTH, linewidth=1.0, label="truth")
+        ax.set_xlabel("piston speed [mm/s]")
+        ax.set_ylabel("friction with damping [N]")
+        ax.legend(loc="upper left")
+
+    return svg(draw, 6.4, 3.8)
