@@ -193,10 +193,15 @@ def _numeric(path: Path, name: str, column: pa.ChunkedArray) -> FloatArray | Int
     return np.asarray(values, dtype=np.int64)
 
 
+def numbers_of(column: pa.ChunkedArray) -> npt.NDArray[Any]:
+    """Convert a column of an Arrow table to an array (N,): whole numbers, or floats with NaN for nulls."""
+    return np.concatenate([_numbers(chunk) for chunk in column.chunks]) if len(column) else np.empty(0)
+
+
 def _numbers(values: pa.Array) -> npt.NDArray[Any]:
     """Convert to whole numbers without nulls, or floats with NaN for nulls.
 
-    For ``to_numpy`` pyarrow loads pandas where that is installed: 0.15 s of each process that reads a recording.
+    For ``to_numpy`` pyarrow loads pandas where that is installed: 0.15 s of each process that reads or records.
     """
     valid, content = values.buffers()
     if not len(values):
