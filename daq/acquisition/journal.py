@@ -31,7 +31,7 @@ import pyarrow.ipc
 from daq.acquisition.ledger import ledger_of
 from daq.errors import DiskFullError, HilfitError, RecordingError, StorageError
 from daq.messages import Sentence
-from daq.recordings.recording_files import ARROW_STREAM_MAGIC, JOURNAL_MARK, read_table, write_table
+from daq.recordings.recording_files import ARROW_STREAM_MAGIC, JOURNAL_MARK, numbers_of, read_table, write_table
 
 JOURNAL_SUFFIX = ".journal"
 #: What a journal is called when its rows are in a recording: nothing that a crash left behind is deleted by a program.
@@ -254,7 +254,7 @@ def _same(path: Path, table: pa.Table) -> bool:
     there = read_table(path)
     names = [name for name in ("time", "cycle", "utc_ns") if name in table.column_names]
     return there.rows == table.num_rows and all(
-        name in there.columns and np.array_equal(there.columns[name], table.column(name).to_numpy()) for name in names
+        name in there.columns and np.array_equal(there.columns[name], numbers_of(table.column(name))) for name in names
     )
 
 

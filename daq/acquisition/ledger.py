@@ -19,6 +19,7 @@ import numpy as np
 
 from daq.arrays import BoolArray, FlagArray
 from daq.quality import Quality
+from daq.recordings.recording_files import numbers_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -98,9 +99,9 @@ class Ledger:
 def ledger_of(table: pa.Table) -> dict[str, Any]:
     """Reconstruct the ledger from a recording's rows: for one whose recorder was killed."""
     names = tuple(name.removesuffix(".quality") for name in table.column_names if name.endswith(".quality"))
-    quality = np.column_stack([table.column(f"{name}.quality").to_numpy() for name in names])
-    stored = np.column_stack([np.isfinite(table.column(name).to_numpy()) for name in names])
-    cycles = table.column("cycle").to_numpy()
+    quality = np.column_stack([numbers_of(table.column(f"{name}.quality")) for name in names])
+    stored = np.column_stack([np.isfinite(numbers_of(table.column(name))) for name in names])
+    cycles = numbers_of(table.column("cycle"))
     ledger = Ledger(names)
     ledger.add(quality, stored, np.where((quality == Quality.MISSING).all(axis=1), EMPTY, FRAME).astype(np.uint8))
     for channel in ledger.channels.values():

@@ -30,6 +30,7 @@ from daq.machine.machine_file import Machine
 from daq.messages import Sentence
 from daq.quality import Quality
 from daq.recordings.recording import recording_table
+from daq.recordings.recording_files import numbers_of
 
 SYNC_SECONDS = 1.0
 SILENCE_SECONDS = 10.0  # without a frame: acquisition hangs
@@ -240,8 +241,8 @@ def backdated(table: pa.Table, names: Sequence[str]) -> tuple[pa.Table, dict[str
     added: dict[str, int] = {}
     for name in names:
         index = table.schema.get_field_index(f"{name}.quality")
-        quality = table.column(index).to_numpy().copy()
-        marked = _mark(table.column(name).to_numpy(), quality)
+        quality = numbers_of(table.column(index)).copy()
+        marked = _mark(numbers_of(table.column(name)), quality)
         if marked:
             added[name] = marked
             field = table.schema.field(index)
@@ -329,7 +330,7 @@ class _Writer:
         self._pending.clear()
         for quality in Quality:
             self._counts[quality] += (rows["quality"] == quality).sum(axis=0)
-        stored = np.column_stack([np.isfinite(table.column(name).to_numpy()) for name in self._names])
+        stored = np.column_stack([np.isfinite(numbers_of(table.column(name))) for name in self._names])
         self._ledger.add(rows["quality"], stored, origin)
 
     def _table(self, rows: RowArray) -> pa.Table:

@@ -25,7 +25,7 @@ from daq.recordings import recording_checks as checks
 from daq.recordings.column_map import ColumnMap
 from daq.recordings.encoder_wraps import unwrapped, wrap_text
 from daq.recordings.recorded_events import RecordedEvent, recorded_events
-from daq.recordings.recording_files import Table, write_table
+from daq.recordings.recording_files import Table, arrow_table, write_table
 from daq.recordings.recording_source import channel_columns, load_table, recording_metadata, stored_notes
 from daq.scratch import ScratchColumns
 
@@ -258,7 +258,7 @@ def recording_table(
     for key, array in arrays.items():
         if array.shape != arrays["time"].shape:
             raise RecordingError("daq.shape_time", name=name, key=key, shape=array.shape, shape_2=arrays["time"].shape)
-    return pa.table(arrays).replace_schema_metadata(recording_metadata(machine, role))
+    return arrow_table(arrays).replace_schema_metadata(recording_metadata(machine, role))
 
 
 def _shelf(table: Table) -> MutableMapping[str, npt.NDArray[Any]]:

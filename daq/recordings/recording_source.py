@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-import pyarrow as pa
 
 from daq.arrays import FlagArray, FloatArray, IntArray
 from daq.errors import RecordingError
@@ -23,7 +22,7 @@ from daq.quality import MEASURED, Quality
 from daq.recordings import recording_checks as checks
 from daq.recordings.column_map import ColumnMap, in_channels, mapped_columns_are_there, wanted_columns
 from daq.recordings.foreign_files import is_foreign, read_rasters
-from daq.recordings.recording_files import UNITS, Table, read_table, write_table
+from daq.recordings.recording_files import UNITS, Table, arrow_table, read_table, write_table
 from daq.recordings.resampling import PASSBAND, Resampled, grid, resample
 from daq.units import Conversion, conversion
 
@@ -260,7 +259,7 @@ def import_file(
             kind = np.int64 if name in ("cycle", "utc_ns") else np.uint8 if name.endswith(".quality") else np.float64
             arrays[name] = np.asarray(table.columns[name]).astype(kind)
     metadata = recording_metadata(machine, role) | ({"hilfit.notes": json.dumps(notes)} if notes else {})
-    write_table(output, pa.table(arrays).replace_schema_metadata(metadata))
+    write_table(output, arrow_table(arrays).replace_schema_metadata(metadata))
     return len(time), notes
 
 

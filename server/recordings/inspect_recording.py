@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import scipy.signal  # noqa: F401  # what checks use of scipy: loaded once, not again in the fork of every file
+
 from daq import InputError, Machine, Recording, load_machine, read_recording
 from daq.messages import Sentence, message_of
 from fitting.checks import check_recordings

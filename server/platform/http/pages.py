@@ -12,6 +12,7 @@ import hashlib
 import mimetypes
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 
@@ -42,12 +43,10 @@ class PageFile:
 
     Attributes
     ----------
-    compressed : the same by gzip, None where that gains nothing
     cache : ``Cache-Control``
     """
 
     content: bytes
-    compressed: bytes | None
     media_type: str
     etag: str
     cache: str
@@ -59,19 +58,25 @@ class PageFile:
         media_type = _TYPES.get(suffix) or mimetypes.types_map.get(suffix, "application/octet-stream")
         if media_type.startswith("text/"):
             media_type += "; charset=utf-8"
-        compressed = gzip.compress(content, 9, mtime=0) if len(content) >= _WORTH_COMPRESSING else content
         return cls(
             content=content,
-            compressed=compressed if len(compressed) < len(content) else None,
             media_type=media_type,
             etag=f'"{hashlib.sha256(content).hexdigest()[:32]}"',
             cache=FOR_EVER if name.startswith("assets/") else EACH_TIME,
         )
 
+    @cached_property
+    def compressed(self) -> bytes | None:
+        """The same by gzip, made when first asked for; None where that gains nothing."""
+        if len(self.content) < _WORTH_COMPRESSING:
+            return None
+        compressed = gzip.compress(self.content, 9, mtime=0)
+        return compressed if len(compressed) < len(self.content) else None
+
     def response(self, headers: Headers, status: int = 200) -> Response:
         """Answer a request with ``headers``."""
         sent = {"ETag": self.etag, "Cache-Control": self.cache, "Vary": "Accept-Encoding"}
-        if self.compressed is not None and _takes_gzip(headers.get("accept-encoding", "")):
+        if _takes_gzip(headers.get("accept-encoding", "")) and self.compressed is not None:
             return Response(self.compressed, status, {**sent, "Content-Encoding": "gzip"}, self.media_type)
         return Response(self.content, status, sent, self.media_type)
 

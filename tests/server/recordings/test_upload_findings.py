@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -60,3 +62,32 @@ def test_an_upload_is_read_when_its_checks_fail(monkeypatch: pytest.MonkeyPatch,
     statistics = inspect_recording.look(path, machine, "train")["statistics"]
     assert statistics["rows"] > 0
     assert statistics["findings"] == []
+
+
+#: Looks at a file and writes it as another form, as forks do, and names the modules that it loads meanwhile.
+LOADED = """
+import sys
+from pathlib import Path
+from server.recordings import inspect_recording
+from server.recordings.formats import conversion_child
+file, machine, target = map(Path, sys.argv[1:])
+before = set(sys.modules)
+inspect_recording.look(file, machine, "train")
+conversion_child.do("parquet", file, target, machine, "shown")
+print(*sorted(set(sys.modules) - before))
+"""
+
+
+def test_everything_that_work_on_a_recording_needs_is_loaded_before_the_fork(tmp_path: Path) -> None:
+    """What a fork is the first to load, every other fork loads again: ten times what a small file takes."""
+    machine, path = tmp_path / "machine.yaml", tmp_path / "made.csv"
+    machine.write_text(MACHINE, encoding="utf-8")
+    path.write_bytes(content(tmp_path, slipped))
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", LOADED, path, machine, tmp_path / "written.parquet"],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=300,
+    )
+    assert done.stdout.split() == [] and (tmp_path / "written.parquet").is_file()
