@@ -233,13 +233,13 @@ def export(
     json: Json = False,
 ) -> None:
     """Write a recording in another format."""
-    from daq import formats
+    from daq.recordings import recording_exports
     from daq.recordings.recording_files import read_table
 
-    _writable(output, force, formats.SUFFIXES)
+    _writable(output, force, recording_exports.SUFFIXES)
     with working(f"writing {output.name}", show=not json):
         table = read_table(file)
-        formats.export(table, output, table.units)
+        recording_exports.export(table, output, table.units)
     if json:
         print_json({"file": str(output), "rows": table.rows, "columns": list(table.columns)})
     else:
