@@ -11,14 +11,13 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pyarrow as pa
 
 from daq.errors import InputError
 from daq.machine.machine_file import Machine as MachineFile
 from daq.quality import Quality
 from daq.recordings.recording import Recording as RecordingFile
 from daq.recordings.recording import read_recording
-from daq.recordings.recording_files import write_table
+from daq.recordings.recording_files import arrow_table, write_table
 from hilfit.machine import Machine
 
 FloatArray = npt.NDArray[np.float64]
@@ -111,7 +110,7 @@ class Recording:
                 columns[f"{name}.quality"] = np.where(np.isnan(column), int(Quality.MISSING), int(Quality.FRESH))
         si = {own.name: machine.si_unit(own) for own in machine.channels if own.name in self.values}
         units = json.dumps({**si, **(self.units or {})})
-        write_table(place, pa.table(columns).replace_schema_metadata({"hilfit.units": units}))
+        write_table(place, arrow_table(columns).replace_schema_metadata({"hilfit.units": units}))
         return place
 
     def __repr__(self) -> str:

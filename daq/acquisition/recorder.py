@@ -30,7 +30,7 @@ from daq.machine.machine_file import Machine
 from daq.messages import Sentence
 from daq.quality import Quality
 from daq.recordings.recording import recording_table
-from daq.recordings.recording_files import numbers_of
+from daq.recordings.recording_files import arrow_array, numbers_of
 
 SYNC_SECONDS = 1.0
 SILENCE_SECONDS = 10.0  # without a frame: acquisition hangs
@@ -246,7 +246,7 @@ def backdated(table: pa.Table, names: Sequence[str]) -> tuple[pa.Table, dict[str
         if marked:
             added[name] = marked
             field = table.schema.field(index)
-            table = table.set_column(index, field, pa.array(quality, type=field.type))
+            table = table.set_column(index, field, arrow_array(quality))
     return table, added
 
 

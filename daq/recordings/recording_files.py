@@ -245,10 +245,11 @@ def arrow_table(columns: Mapping[str, npt.NDArray[Any]]) -> pa.Table:
 
     Of numpy's arrays pyarrow loads pandas where that is installed: 0.15 s of each process that writes a recording.
     """
-    return pa.table({name: _arrow(np.asarray(values)) for name, values in columns.items()})
+    return pa.table({name: arrow_array(np.asarray(values)) for name, values in columns.items()})
 
 
-def _arrow(values: npt.NDArray[Any]) -> pa.Array:
+def arrow_array(values: npt.NDArray[Any]) -> pa.Array:
+    """Build an Arrow array of values (N,) of their own type, as :func:`arrow_table` does."""
     if values.dtype.kind not in "iuf":
         return pa.array(values)
     content = np.ascontiguousarray(values)

@@ -109,11 +109,11 @@ def _whole(found: Fit, R: FloatArray, parts: Sequence[_Part], closing: Closing) 
     """
     missing = [[r.b - r.A @ found.theta for r in rows] for rows in _closed(parts, closing)]
     residual = tuple(np.concatenate(joint) for joint in zip(*missing, strict=True))
-    in_columns = np.linalg.lstsq(R[:, found.determined], found.orthonormal[0], rcond=None)[0]
 
     @cache
     def orthonormal() -> list[FloatArray]:
         """``Q = A U`` on the whole rows, as large as all of them together; ``U`` the triangle's with its own basis."""
+        in_columns = np.linalg.lstsq(R[:, found.determined], found.orthonormal[0], rcond=None)[0]
         shown = [[r.A[:, found.determined] @ in_columns for r in rows] for rows in _closed(parts, closing)]
         return [np.vstack(joint) for joint in zip(*shown, strict=True)]
 

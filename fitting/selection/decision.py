@@ -49,6 +49,10 @@ class Rated:
         """The candidate, in its best shape."""
         return self.score.term
 
+    def held_against(self, log_odds: float) -> Rated:
+        """Return it against something that is so much more probable, log odds."""
+        return replace(self, log_odds=self.log_odds - log_odds, exact=self.exact - log_odds)
+
 
 def family(term: Term) -> Family:
     """Return what counts as one explanation: an effect on a joint; a law of one signal on a joint, or of two."""

@@ -109,29 +109,26 @@ class Rating:
 
         That is there beside what explains another joint as well, but for what both explain by way of the base.
         """
-        numbers = {score.term.label: n for n, score in scores.items()}
         places: dict[int | None, list[Rated]] = {}
         for r in rated:
             places.setdefault(r.term.place, []).append(r)
-        result, nothing, heads = list[Rated](), dict[int, float](), dict[int, int]()
+        result, nothing, heads = list[Rated](), dict[int, float](), dict[int, Rated]()
         for place, own in places.items():
             prior = np.array([r.log_odds - r.log_bayes for r in own])
             left = np.array([r.leftover for r in own])
             here = max(0.0, float(log_sum(left + prior - log_sum(prior))))
-            result += [replace(r, log_odds=r.log_odds - here, exact=r.exact - here, against=here) for r in own]
+            result += [replace(r.held_against(here), against=here) for r in own]
             if place is not None and here > 0:
-                nothing[place] = here
-                heads[place] = numbers[own[int(np.argmax(left + prior))].term.label]
+                nothing[place], heads[place] = here, own[int(np.argmax(left + prior))]
         asked = [r for r in result if r.term.place is not None and r.log_odds > 0] if heads else []
         if not asked:
             return result
-        common = self._trust.common([numbers[r.term.label] for r in asked], list(heads.values()), scores)
-        places_of = np.array([[r.term.place != place for place in heads] for r in asked])
-        lost = dict(zip(map(id, asked), (common * places_of) @ np.array(list(nothing.values())), strict=True))
-        return [
-            replace(r, log_odds=r.log_odds - lost[id(r)], exact=r.exact - lost[id(r)]) if id(r) in lost else r
-            for r in result
-        ]
+        numbers = {score.term.label: n for n, score in scores.items()}
+        one, two = ([numbers[r.term.label] for r in own] for own in (asked, heads.values()))
+        elsewhere = np.array([[r.term.place != place for place in heads] for r in asked])
+        lost = (self._trust.common(one, two, scores) * elsewhere) @ np.array(list(nothing.values()))
+        more = dict(zip((r.term.label for r in asked), lost.tolist(), strict=True))
+        return [r.held_against(more.get(r.term.label, 0.0)) for r in result]
 
     def _surface(self, score: Score, prior: float, rated: Sequence[Rated]) -> Rated:
         """Rate a surface beside the laws that were rated, each of log prior odds ``prior``."""
