@@ -33,6 +33,7 @@ from fitting.regression.plausible_arm import plausible_arm
 from fitting.regression.prior import Prior, expected_delays, mass_prior
 from fitting.regression.stored import storing
 from fitting.regression.streamed import triangle
+from fitting.regression.unsure_signs import unsure_speeds
 from fitting.residual.kinematics import SensorErrors, checkable
 from fitting.residual.terms import Model, fit_model
 from fitting.signals.corrections import Corrections
@@ -330,10 +331,12 @@ class Session:
         latency: Mapping[str, float] | None = None,
         resampled: Collection[str] = (),
         noise: NoiseModel | None = None,
+        speeds: tuple[PositionNoise, ...] | None = None,
     ) -> Prepared:
         """Design with corrections of positions, linkages and delays rebuilt into the signals.
 
-        Where the ``noise`` is known, no runs of one motion are looked for: there are no pairs.
+        Where the ``noise`` is known, no runs of one motion are looked for: there are no pairs. Where that of the
+        ``speeds`` is, it is not found anew.
         """
         machine = corrections.machine
         segments = segments_of(
@@ -349,12 +352,18 @@ class Session:
             synthetic=self.synthetic,
         )
         store = storing(self.bank, Scratch()) if self.long else None
-        design = build_design(machine, self.base, self.bank, self.position_noise, segments, store)
+        design = build_design(machine, self.base, self.bank, speeds or self.position_noise, segments, store)
         pairs = pair_repeats(design) if noise is None else ()
         fitted = design.indices(*FITTED_ROLES)
         rescaled: tuple[float, ...] = ()
         if noise is None:
-            noise, rescaled = on_fitted_rows(design, noise_model(design, fitted, pairs), fitted)
+            found = noise_model(design, fitted, pairs)
+            if speeds is None:
+                speeds = unsure_speeds(design, found, fitted, self.position_noise, range(len(machine.joints)))
+            if speeds != design.noise:
+                store = storing(self.bank, Scratch()) if self.long else None
+                design = build_design(machine, self.base, self.bank, speeds, design.segments, store)
+            noise, rescaled = on_fitted_rows(design, found, fitted)
         return Prepared(design, pairs, noise, fitted, design.indices("validate"), rescaled)
 
     def delayed(self, prepared: Prepared, latency: Mapping[str, float], resampled: Collection[str] = ()) -> Prepared:
@@ -367,6 +376,9 @@ class Session:
         late = [number for number, joint in enumerate(design.machine.joints) if joint.name in latency]
         design = with_efforts(design, segments, late)
         noise = noise_model(design, prepared.fitted, prepared.pairs, start=prepared.noise, anew=late)
+        speeds = unsure_speeds(design, noise, prepared.fitted, self.position_noise, late)
+        changed = [joint for joint in late if speeds[joint] != design.noise[joint]]
+        design = with_efforts(replace(design, noise=speeds), segments, changed)
         noise, rescaled = on_fitted_rows(design, noise, prepared.fitted, late)
         return replace(prepared, design=design, noise=noise, rescaled=rescaled)
 

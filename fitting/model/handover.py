@@ -50,7 +50,7 @@ def hand_over(
         steps=tuple(dict(step) for step in steps),
         base=session.base,
         bandwidth_hz=final.design.bank.bandwidth_hz,
-        noise=session.position_noise,
+        noise=final.design.noise,
         temperature=_temperature(final),
         provenance=Provenance(
             created=report["created"],

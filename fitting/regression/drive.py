@@ -58,6 +58,10 @@ def drive_names(machine: Machine) -> tuple[tuple[str, ...], ...]:
     return tuple(names)
 
 
+#: Drive parameters whose columns turn with the speed's sign.
+JUMPING = ("f_c", "f_s")
+
+
 def drive_columns(
     names: tuple[str, ...], x: FloatArray, v: FloatArray, a: FloatArray, speed_noise: float, late: float = 0.0
 ) -> FloatArray:

@@ -187,7 +187,7 @@ def noise_model(
     model = white_noise_model(joints) if start is None else start
     loaded, unloaded = ([i for i in fitted if design.segments[i].loaded == there] for there in (True, False))
     if design.stored:
-        pairs, loaded, unloaded = _spread(pairs), _spread(loaded), _spread(unloaded)
+        pairs, loaded, unloaded = spread(pairs), spread(loaded), spread(unloaded)
     for _ in range(_PASSES):
         theta = fit_rows(design, model, fitted)[0].theta
         found, free = [], []
@@ -208,7 +208,7 @@ def noise_model(
     return model
 
 
-def _spread(items: Sequence[_T]) -> list[_T]:
+def spread(items: Sequence[_T]) -> list[_T]:
     """Choose at most :data:`_MOST_SEGMENTS` of them, evenly spread; all if no more."""
     if len(items) <= _MOST_SEGMENTS:
         return list(items)

@@ -34,8 +34,8 @@ def session(effort: str = "pressures") -> Session:
 
 
 def fresh(made: Session, delayed: Prepared, late: dict[str, float], resampled: tuple[str, ...]) -> Prepared:
-    """The same design, made from the recordings."""
-    return made.prepared(Corrections(made.machine), late, resampled)
+    """The same design, made from the recordings; how unsure speeds are is known."""
+    return made.prepared(Corrections(made.machine), late, resampled, speeds=delayed.design.noise)
 
 
 def same(one: Design, other: Design) -> None:
@@ -83,6 +83,7 @@ def test_what_did_not_move_is_shared() -> None:
     delayed = made.delayed(made.plain, {"joint2": 0.013})
     plain = made.plain
     assert delayed.design.blocks[0] is plain.design.blocks[0] and delayed.design.blocks[1] is not plain.design.blocks[1]
+    assert delayed.design.noise == made.position_noise, "a delay is not taken for an unsure speed"
     assert delayed.noise.whitenings[0] is plain.noise.whitenings[0]
     assert delayed.noise.whitenings[1] is not plain.noise.whitenings[1]
     again = noise_model(delayed.design, plain.fitted, plain.pairs, start=plain.noise, anew=(1,))

@@ -186,8 +186,8 @@ def gain(model: Model, term: Term) -> float:
 def lossy() -> tuple[Session, NextExperiment]:
     """A joint with a quadratic loss, seen by one short motion."""
     machine, arm = planar_machine(2), truth(2)
-    added = injected(machine, arm, effect("quadratic_loss"), 0, {}, [12000.0], [("train", 2)])
-    session = make_session(machine, arm, [("train", 2)], added=added)
+    added = injected(machine, arm, effect("quadratic_loss"), 0, {}, [12000.0], [("train", 7)])
+    session = make_session(machine, arm, [("train", 7)], added=added)
     return session, design_next(session.base_model, rivals_of(session.base_model, 0), session.prior, seconds=30.0)
 
 
