@@ -16,8 +16,9 @@ import numpy as np
 from benchmarks.targets import Arm, Check, Outcome, Show, figure
 from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
-from fitting.excitation import Excitation, ExcitationOptions, HydraulicLimits, design_motion
-from fitting.excitation.limits import chamber_pressure, supply_flow
+from fitting.excitation.design import Excitation, design_motion
+from fitting.excitation.limits import HydraulicLimits, chamber_pressure, supply_flow
+from fitting.excitation.problem import ExcitationOptions
 from sim_backends.machines import ARMS as MACHINES
 from sim_backends.plant.truth import Truth
 

@@ -17,7 +17,8 @@ from benchmarks.targets import Check, Outcome, Show, figure, rate
 from daq.errors import InputError
 from daq.machine.machine_file import Machine, load_machine
 from daq.recordings.recording import read_recording
-from fitting.checks import Finding, check_files
+from fitting.checks.check import check_files
+from fitting.checks.findings import Finding
 
 #: Seeds of sound machines begin here, so that none of them has a mistake made on it as well.
 _SOUND = 5000

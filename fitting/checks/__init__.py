@@ -14,8 +14,3 @@ trials, estimates         mistakes, and effects like them, that would explain it
 check                     all of it in order, and the root of what was found
 ========================  ===========================================================================
 """
-
-from fitting.checks.check import check_files, check_recordings
-from fitting.checks.findings import Finding
-
-__all__ = ["Finding", "check_files", "check_recordings"]

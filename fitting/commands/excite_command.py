@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import typer
@@ -19,26 +19,22 @@ from daq.recordings.recording import Recording, read_recording
 from daq.recordings.recording_files import read_table
 from fitting.arm.base_parameters import BaseParameters, reduce_parameters
 from fitting.arm.geometry import geometry_of
-from fitting.excitation import (
-    KINDS,
-    Arm,
-    CylinderOptions,
-    ExcitationOptions,
+from fitting.excitation.cylinders import CylinderOptions, design_cylinder_motion
+from fitting.excitation.design import design_sequence, information_of, information_of_recording
+from fitting.excitation.experiments import KINDS, Arm, experiment
+from fitting.excitation.limits import (
     HydraulicLimits,
     LimitUse,
-    design_cylinder_motion,
-    design_sequence,
-    experiment,
-    information_of,
-    information_of_recording,
+    holding_efforts,
+    joint_numbers,
     limits_of_machine,
     limits_used,
 )
-from fitting.excitation.limits import holding_efforts, joint_numbers
+from fitting.excitation.objective import Criterion
+from fitting.excitation.problem import ExcitationOptions
 from fitting.planning.excite_text import show
 from fitting.planning.guess import USUAL_SUPPLY, Guess, default_guess, guess_from_file, worst_friction
 
-Criterion = Literal["condition", "determinant"]
 _Options = TypeVar("_Options", ExcitationOptions, CylinderOptions)
 
 _LITRES_PER_MINUTE = 1e-3 / 60  # m^3/s

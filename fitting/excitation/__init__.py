@@ -12,33 +12,3 @@
 ``experiments``     motions that separate effects: staircases, reversals, two poses, a neighbour
 =================== =====================================================================
 """
-
-from fitting.excitation.cylinders import CylinderOptions, design_cylinder_motion
-from fitting.excitation.design import (
-    Excitation,
-    design_motion,
-    design_sequence,
-    information_of,
-    information_of_recording,
-)
-from fitting.excitation.experiments import KINDS, Arm, experiment
-from fitting.excitation.limits import HydraulicLimits, LimitUse, limits_of_machine, limits_used
-from fitting.excitation.problem import ExcitationOptions
-
-__all__ = [
-    "KINDS",
-    "Arm",
-    "CylinderOptions",
-    "Excitation",
-    "ExcitationOptions",
-    "HydraulicLimits",
-    "LimitUse",
-    "design_cylinder_motion",
-    "design_motion",
-    "design_sequence",
-    "experiment",
-    "information_of",
-    "information_of_recording",
-    "limits_of_machine",
-    "limits_used",
-]

@@ -68,8 +68,9 @@ from fitting.regression.design import Design, reduced_residual
 from fitting.regression.error_sizes import ROLES, errors_of, independent_rows, overall_errors
 from fitting.regression.noise import effort_floor
 from fitting.regression.solving import Fit
-from fitting.report import presented, write_report
+from fitting.report.html import write_report
 from fitting.report.languages import language
+from fitting.report.presented import presented
 from fitting.residual.confirmation.confirmation import overall_change
 from fitting.residual.findings import Attribution, Family
 from fitting.residual.stored_terms import corrections_from_json

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from daq.console import show_table
-from fitting.excitation import LimitUse
+from fitting.excitation.limits import LimitUse
 
 
 def show(result: Mapping[str, Any]) -> None:

@@ -253,13 +253,9 @@ def _design_motions(machine_path: Path, seconds: float, seed: int, progress: Pro
     """Design one signal for all free cylinders, two complementary training motions, one for validation."""
     from daq.machine.machine_file import load_machine
     from fitting.arm.base_parameters import reduce_parameters
-    from fitting.excitation import (
-        CylinderOptions,
-        ExcitationOptions,
-        design_cylinder_motion,
-        design_motion,
-        design_sequence,
-    )
+    from fitting.excitation.cylinders import CylinderOptions, design_cylinder_motion
+    from fitting.excitation.design import design_motion, design_sequence
+    from fitting.excitation.problem import ExcitationOptions
 
     machine = load_machine(machine_path)
     base = reduce_parameters(machine)

@@ -46,7 +46,8 @@ def run_valve_demo(
     """
     from daq.acquisition.acquisition import AcquisitionProcess
     from fitting.arm.base_parameters import reduce_parameters
-    from fitting.excitation import ExcitationOptions, design_motion
+    from fitting.excitation.design import design_motion
+    from fitting.excitation.problem import ExcitationOptions
     from fitting.loop.session import Request
     from fitting.pipeline.stages import require_writable
     from fitting.pipeline.valve_stage import identified_and_written

@@ -22,13 +22,10 @@ from daq.motion_files import Motion, write_motion
 from daq.whole_files import write_whole
 from fitting.arm.base_parameters import reduce_parameters
 from fitting.arm.geometry import geometry_of
-from fitting.excitation import (
-    CylinderOptions,
-    ExcitationOptions,
-    design_cylinder_motion,
-    design_motion,
-    limits_of_machine,
-)
+from fitting.excitation.cylinders import CylinderOptions, design_cylinder_motion
+from fitting.excitation.design import design_motion
+from fitting.excitation.limits import limits_of_machine
+from fitting.excitation.problem import ExcitationOptions
 from fitting.planning.guess import USUAL_SUPPLY, default_guess, worst_friction
 from server.platform.processes.child_speech import ended, send
 

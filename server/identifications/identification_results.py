@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
-from fitting.report import looked
+from fitting.report.schema.definition import looked
 from server.identifications.identification_store import Fit, Fits, Identifications
 from server.jobs.job_places import kept_place
 from server.jobs.job_store import Jobs

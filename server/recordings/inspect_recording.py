@@ -15,7 +15,7 @@ import scipy.signal  # noqa: F401  # what checks use of scipy: loaded once, not 
 
 from daq import InputError, Machine, Recording, load_machine, read_recording
 from daq.messages import Sentence, message_of
-from fitting.checks import check_recordings
+from fitting.checks.check import check_recordings
 from fitting.checks.findings import Places
 from fitting.pipeline.check_gate import explained, for_report
 from server.platform.processes.child_limits import RECORDING_CPU_S, limit_child

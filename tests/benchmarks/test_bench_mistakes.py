@@ -11,7 +11,7 @@ from benchmarks.mistakes import MISTAKES
 from benchmarks.mistakes.making import Made
 from benchmarks.mistakes.rigs import Kind, make_rig
 from benchmarks.mistakes.running import Line, checks_of, judge, rightly
-from fitting.checks import Finding
+from fitting.checks.findings import Finding
 
 pytestmark = pytest.mark.slow
 

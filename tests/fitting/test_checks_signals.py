@@ -17,7 +17,8 @@ from synthetic_arm import make_recordings, planar_machine, truth
 from daq.machine.machine_file import Channel, Machine
 from daq.messages import placeholders, texts
 from daq.recordings.recording import Recording
-from fitting.checks import check_recordings, findings
+from fitting.checks import findings
+from fitting.checks.check import check_recordings
 from fitting.checks.findings import Finding
 from fitting.checks.magnitudes import magnitude_findings
 from fitting.checks.motions import motion_findings

@@ -15,8 +15,8 @@ from daq.errors import RecordingError
 from daq.machine.machine_file import Machine, load_machine, machine_to_yaml
 from daq.recordings.recording import Recording, read_recording, write_recording
 from fitting.arm.geometry import geometry_of
-from fitting.checks import Finding, check_recordings
-from fitting.checks.findings import Places
+from fitting.checks.check import check_recordings
+from fitting.checks.findings import Finding, Places
 from fitting.checks.magnitudes import machine_findings
 from fitting.checks.mistakes.channel_trials import recordings as role_trials
 from fitting.checks.mistakes.physical import Trial, fit

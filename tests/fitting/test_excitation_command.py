@@ -17,7 +17,7 @@ from daq.recordings.recording import read_recording, write_recording
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.arm.linkage import lever_arm
 from fitting.commands.excite_command import register
-from fitting.excitation import information_of, information_of_recording
+from fitting.excitation.design import information_of, information_of_recording
 from fitting.excitation.objective import condition_of_information
 
 

@@ -10,11 +10,11 @@ from arm_examples import driven_arm, random_chain
 
 from fitting.arm.base_parameters import condition_number, reduce_parameters
 from fitting.arm.dynamics import rigid_body_regressor
-from fitting.excitation import ExcitationOptions, HydraulicLimits
 from fitting.excitation.cylinders import _band_value
 from fitting.excitation.fourier import fourier_basis, spread_harmonics
+from fitting.excitation.limits import HydraulicLimits
 from fitting.excitation.objective import condition_of_information, probed_regressor, spectral_objective
-from fitting.excitation.problem import pose_problem, random_start
+from fitting.excitation.problem import ExcitationOptions, pose_problem, random_start
 from fitting.excitation.search import STAGES, value_and_gradient
 
 QUICK = ExcitationOptions(seconds=12.0, starts=1, iterations=15, samples=60, harmonics=5)

@@ -9,11 +9,7 @@ from scipy.interpolate import make_interp_spline
 
 from daq.errors import InputError
 from fitting.arm.base_parameters import condition_number
-from fitting.excitation import (
-    CylinderOptions,
-    design_cylinder_motion,
-)
-from fitting.excitation.cylinders import piston_limits, stage_one_columns
+from fitting.excitation.cylinders import CylinderOptions, design_cylinder_motion, piston_limits, stage_one_columns
 
 
 def test_free_cylinders_keep_stroke_speed_and_acceleration():

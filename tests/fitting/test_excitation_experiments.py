@@ -11,10 +11,9 @@ from synthetic_arm import planar_machine
 from daq.errors import InputError
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.arm.linkage import lever_arm, piston_motion
-from fitting.excitation import Arm, HydraulicLimits, experiment
-from fitting.excitation.experiments import KINDS, NotPossibleError, menu
+from fitting.excitation.experiments import KINDS, Arm, NotPossibleError, experiment, menu
 from fitting.excitation.fourier import random_series, varied
-from fitting.excitation.limits import joint_numbers, supply_flow
+from fitting.excitation.limits import HydraulicLimits, joint_numbers, supply_flow
 
 USE = 0.92
 PINNED = tuple(kind for kind in KINDS if kind != "free_cylinder")

@@ -11,14 +11,9 @@ from arm_examples import driven_arm
 from daq.errors import InputError
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.arm.linkage import lever_arm
-from fitting.excitation import (
-    ExcitationOptions,
-    HydraulicLimits,
-    design_motion,
-)
-from fitting.excitation.design import _shrink
-from fitting.excitation.limits import chamber_pressure, supply_flow
-from fitting.excitation.problem import pose_problem
+from fitting.excitation.design import _shrink, design_motion
+from fitting.excitation.limits import HydraulicLimits, chamber_pressure, supply_flow
+from fitting.excitation.problem import ExcitationOptions, pose_problem
 
 QUICK = ExcitationOptions(seconds=12.0, starts=1, iterations=15, samples=60, harmonics=5)
 

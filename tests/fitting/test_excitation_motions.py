@@ -15,17 +15,10 @@ from daq.motion_files import Motion
 from fitting.arm.base_parameters import base_regressor, condition_number, reduce_parameters
 from fitting.arm.dynamics import stacked
 from fitting.arm.linkage import piston_motion
-from fitting.excitation import (
-    ExcitationOptions,
-    HydraulicLimits,
-    design_motion,
-    design_sequence,
-    information_of,
-    information_of_recording,
-)
-from fitting.excitation.limits import chamber_pressure
+from fitting.excitation.design import design_motion, design_sequence, information_of, information_of_recording
+from fitting.excitation.limits import HydraulicLimits, chamber_pressure
 from fitting.excitation.objective import condition_of_information, information
-from fitting.excitation.problem import pose_problem, random_start
+from fitting.excitation.problem import ExcitationOptions, pose_problem, random_start
 
 QUICK = ExcitationOptions(seconds=12.0, starts=1, iterations=15, samples=60, harmonics=5)
 

@@ -16,16 +16,11 @@ from scipy.interpolate import make_interp_spline
 
 from daq.motion_files import read_motion, write_motion
 from fitting.arm.base_parameters import reduce_parameters
-from fitting.excitation import (
-    Arm,
-    CylinderOptions,
-    ExcitationOptions,
-    HydraulicLimits,
-    design_cylinder_motion,
-    design_motion,
-    design_sequence,
-    experiment,
-)
+from fitting.excitation.cylinders import CylinderOptions, design_cylinder_motion
+from fitting.excitation.design import design_motion, design_sequence
+from fitting.excitation.experiments import Arm, experiment
+from fitting.excitation.limits import HydraulicLimits
+from fitting.excitation.problem import ExcitationOptions
 
 FINER = 20
 JOINTS = 3

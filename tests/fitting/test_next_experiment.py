@@ -15,8 +15,7 @@ from daq.motion_files import Motion, read_motion, write_motion
 from daq.recordings.recording import Recording
 from fitting.effects import effect
 from fitting.effects.base import Parameter
-from fitting.excitation import HydraulicLimits
-from fitting.excitation.limits import limits_used
+from fitting.excitation.limits import HydraulicLimits, limits_used
 from fitting.loop.closing import asked_of
 from fitting.loop.session import Session
 from fitting.planning.next_experiment import NextExperiment, design_next, supply_of

@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daq.messages import Sentence
-from fitting.report import write_report
+from fitting.report.html import write_report
 from fitting.report.model import Course, Figures, FrictionCurve, Scatter
 from fitting.report.schema import file
 from fitting.report.schema.definition import ReportError, json_schema, validate_report

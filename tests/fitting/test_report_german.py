@@ -17,8 +17,8 @@ from daq.errors import InputError
 from daq.messages import Sentence, texts
 from fitting.pipeline.stage_names import ReportLanguage
 from fitting.report import html as pages
-from fitting.report import wording, write_report
-from fitting.report.html import render_html
+from fitting.report import wording
+from fitting.report.html import render_html, write_report
 from fitting.report.languages import ENGLISH, NAMES, codes, content_of, language
 from fitting.report.model import Figures, JointDiagnostics
 
