@@ -19,7 +19,7 @@ from fitting.arrays import FloatArray
 from fitting.estimators.covariance import series_scores
 from fitting.estimators.recursive import RecursiveLeastSquares
 from fitting.pipeline.results.stored_types import Numbers, stored
-from fitting.regression.design import Design, NoiseModel, reduced_residual, whitened_joint
+from fitting.regression.design import Design, NoiseModel, reduced_errors, whitened_joint
 from fitting.regression.prior import Prior, prior_row
 from fitting.regression.solving import Fit, factor
 
@@ -188,5 +188,4 @@ def _from_joint_fit(design: Design, joint: int, fit: Fit, used: tuple[int, ...],
 
 def _left(design: Design, theta: FloatArray, joint: int, used: Sequence[int]) -> float:
     """Compute the standard deviation of a joint's reduced drive effort left by parameters (p,)."""
-    parts = [reduced_residual(design, theta, joint, i)[design.blocks[joint][i].keep] for i in used]
-    return float(np.std(np.concatenate(parts)))
+    return float(np.std(reduced_errors(design, theta, joint, used)))

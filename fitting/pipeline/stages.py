@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -64,7 +64,7 @@ from fitting.pipeline.stage_names import NEXT_MOTION, STAGES, WORDS
 from fitting.pipeline.stage_two import choice, comparison, estimated, rigid_body_stage
 from fitting.pipeline.verdict import MOST_NOISE
 from fitting.progress import Progress, quiet
-from fitting.regression.design import Design, reduced_residual
+from fitting.regression.design import reduced_errors
 from fitting.regression.error_sizes import ROLES, errors_of, independent_rows, overall_errors
 from fitting.regression.noise import effort_floor
 from fitting.regression.solving import Fit
@@ -74,7 +74,6 @@ from fitting.report.presented import presented
 from fitting.residual.confirmation.confirmation import overall_change
 from fitting.residual.findings import Attribution, Family
 from fitting.residual.stored_terms import corrections_from_json
-from fitting.residual.terms import Model
 from fitting.selection.decision import together
 from fitting.signals.corrections import Corrections
 
@@ -212,6 +211,8 @@ def _refit(session: Session, results: StageResults, progress: Progress) -> Refit
     parameters = len(design.parameters)
     judged = EffortRows(prepared.design, prepared.design.indices(*ROLES[shown]), model.extra)
     none = (None,) * len(floor)
+    theta, joints = model.fit.theta, range(len(floor))
+    drives = (reduced_errors(prepared.design, theta, joint, model.fitted, model.extra) for joint in joints)
     return Refitted(
         chosen=chosen,
         joint=_fitted(final.model.fit, len(final.model.fit.theta)),
@@ -225,7 +226,7 @@ def _refit(session: Session, results: StageResults, progress: Progress) -> Refit
         independent_rows={role: independent_rows(found["after"][1][role]) for role in ("train", "validate")},
         plausibility=physics(prepared.design, model),
         condition_number=model.fit.condition_number,
-        drive_residual_std=tuple(_drive_std(prepared.design, model)),
+        drive_residual_std=tuple(float(np.std(own)) if len(own) else None for own in drives),
         errors=errors,
         overall={**change, "role": shown, "unit": "noise floors", **overall_errors(found, floor, shown)},
     )
@@ -241,17 +242,6 @@ def _predicted(rows: EffortRows, fit: Fit, trained: Sequence[float | None]) -> t
     """Compute the standard deviation of each joint's expected error on some rows."""
     both = zip(predicted_std(rows, fit).tolist(), trained, strict=True)
     return tuple(float(np.hypot(own, left)) if left is not None and np.isfinite(own) else None for own, left in both)
-
-
-def _drive_std(design: Design, model: Model) -> Iterator[float | None]:
-    """Compute the standard deviation of each drive's error on fitted rows; None without any."""
-    for joint in range(len(design.machine.joints)):
-        parts = [
-            reduced_residual(design, model.fit.theta, joint, i, model.extra)[design.blocks[joint][i].keep]
-            for i in model.fitted
-        ]
-        errors = np.concatenate(parts)
-        yield float(np.std(errors)) if len(errors) else None
 
 
 #: The stages before the report, in order.

@@ -373,6 +373,14 @@ def reduced_residual(
     return residual if own is None else residual - design.bank.reduce(own @ theta[len(design.parameters) :])
 
 
+def reduced_errors(
+    design: Design, theta: FloatArray, joint: int, indices: Sequence[int], extra: Extra | None = None
+) -> FloatArray:
+    """Join :func:`reduced_residual` of a joint over moving rows of some segments, at least one, all in a row."""
+    blocks = design.blocks[joint]
+    return np.concatenate([reduced_residual(design, theta, joint, i, extra)[blocks[i].keep] for i in indices])
+
+
 def effort_residual(
     design: Design, theta: FloatArray, joint: int, index: int, extra: Extra | None = None
 ) -> FloatArray:
