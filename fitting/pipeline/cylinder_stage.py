@@ -28,7 +28,6 @@ LEAST_ROWS = 40
 
 
 @stored
-@dataclass(frozen=True)
 class CylinderEstimate:
     """Stage 1's result for one joint.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from daq.motion_files import Rods
 from fitting.pipeline.results.stored_types import Json, Numbers, StoredHypothesis, StoredTerm, stored
@@ -13,7 +13,6 @@ from fitting.residual.terms import Term
 
 
 @stored
-@dataclass(frozen=True)
 class Kinematic:
     """An effect between two position sensors of one joint (:class:`fitting.loop.kinematic_check.KinematicFinding`).
 
@@ -29,7 +28,6 @@ class Kinematic:
 
 
 @stored
-@dataclass(frozen=True)
 class AcceptedTerm:
     """A term that was added to the model (:class:`fitting.residual.findings.Accepted`).
 
@@ -46,7 +44,6 @@ class AcceptedTerm:
 
 
 @stored
-@dataclass(frozen=True)
 class OtherBand:
     """Findings of the loop with another bandwidth of the filter, in words."""
 
@@ -55,7 +52,6 @@ class OtherBand:
 
 
 @stored
-@dataclass(frozen=True)
 class Program:
     """A designed motion that closes a set; ``chance`` is that of a single name after its recordings."""
 
@@ -67,7 +63,6 @@ class Program:
 
 
 @stored
-@dataclass(frozen=True)
 class Designed:
     """The experiment that best separates the members of a set: as the report has it, and its motion."""
 
@@ -76,7 +71,6 @@ class Designed:
 
 
 @stored
-@dataclass(frozen=True)
 class Attributed:
     """Attribution of the residual.
 
@@ -117,7 +111,6 @@ class Attributed:
 
 
 @stored
-@dataclass(frozen=True)
 class ClosingStep:
     """A motion that was recorded to close an ambiguity, with the explanations before and after it."""
 
@@ -127,7 +120,6 @@ class ClosingStep:
 
 
 @stored
-@dataclass(frozen=True)
 class Resolution:
     """Motions that were recorded to close ambiguities."""
 

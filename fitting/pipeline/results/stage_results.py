@@ -30,7 +30,6 @@ Errors = dict[str, list[float | None]]
 
 
 @stored
-@dataclass(frozen=True)
 class Checked:
     """The recordings fit the machine and excite it.
 
@@ -52,7 +51,6 @@ class Checked:
 
 
 @stored
-@dataclass(frozen=True)
 class Cylinders:
     """Stage 1 of all joints."""
 
@@ -60,7 +58,6 @@ class Cylinders:
 
 
 @stored
-@dataclass(frozen=True)
 class Stacked:
     """Parameters from one regression of joint efforts.
 
@@ -84,7 +81,6 @@ class Stacked:
 
 
 @stored
-@dataclass(frozen=True)
 class RigidBody:
     """Stage 2 with friction frozen, and the one-shot regression beside it.
 
@@ -102,7 +98,6 @@ class RigidBody:
 
 
 @stored
-@dataclass(frozen=True)
 class Residual:
     """Noise floor, and what two position sensors say of each other.
 
@@ -130,7 +125,6 @@ class Residual:
 
 
 @stored
-@dataclass(frozen=True)
 class Fitted:
     """Parameters of a joint fit, (p,) each; ``share`` of their information that came from the data."""
 
@@ -141,7 +135,6 @@ class Fitted:
 
 
 @stored
-@dataclass(frozen=True)
 class Constrained:
     """The nearest parameters that physics allows, their errors, and by how many percent these are larger, by role."""
 
@@ -151,7 +144,6 @@ class Constrained:
 
 
 @stored
-@dataclass(frozen=True)
 class Physics:
     """Parameters that cannot be, and the fit that keeps to what can, where there are any."""
 
@@ -160,7 +152,6 @@ class Physics:
 
 
 @stored
-@dataclass(frozen=True)
 class Refitted:
     """Both stages refitted jointly with what was found.
 
@@ -201,7 +192,6 @@ class Refitted:
 
 
 @stored
-@dataclass(frozen=True)
 class Written:
     """File names of the report and its page."""
 

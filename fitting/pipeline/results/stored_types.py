@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar, dataclass_transform
 
 import numpy as np
 from pydantic import ConfigDict, PlainSerializer, PlainValidator, with_config
@@ -12,6 +13,8 @@ from fitting.arrays import BoolArray, FloatArray
 from fitting.residual.findings import Hypothesis
 from fitting.residual.stored_terms import term_from_json, term_to_json
 from fitting.residual.terms import Term
+
+_T = TypeVar("_T")
 
 
 # Their types say that infinities are numbers here, which JSON itself does not have.
@@ -43,5 +46,8 @@ StoredTerm = Annotated[Term, PlainValidator(_term), PlainSerializer(term_to_json
 StoredHypothesis = Annotated[Hypothesis, PlainValidator(_hypothesis), PlainSerializer(_hypothesis_to_json)]
 Json = dict[str, Any]
 
-#: Marks a dataclass that is kept as JSON: keys that it does not have are refused when it is read.
-stored = with_config(ConfigDict(extra="forbid"))
+
+@dataclass_transform(frozen_default=True, field_specifiers=(field,))
+def stored(cls: type[_T]) -> type[_T]:
+    """Make a frozen dataclass that is kept as JSON: keys that it does not have are refused when it is read."""
+    return with_config(ConfigDict(extra="forbid"))(dataclass(frozen=True)(cls))
