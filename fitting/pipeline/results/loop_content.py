@@ -38,10 +38,7 @@ from fitting.selection.evidence import least_gain
 from fitting.selection.gains import margin
 
 #: Where play or a compliance is (shape ``sensor``), by the efforts; absent of all other effects.
-_PLACES = {
-    0.0: "fitting.efforts_follow_piston",
-    1.0: "fitting.efforts_follow_joint",
-}
+_PLACES = "fitting.efforts_follow_piston", "fitting.efforts_follow_joint"
 #: Shapes that are one of two, in words.
 _CHOICES = {
     "sensor": ("place: between piston and joint", "place: between piston and its sensor"),
@@ -163,7 +160,7 @@ def kinematic(machine: Machine, finding: KinematicFinding) -> Kinematic:
             "fitting.position_sensors_disagree",
             before=1e3 * finding.gap_before,
             after=1e3 * finding.gap_after,
-            place=Sentence(_PLACES[shape["sensor"]]) if "sensor" in shape else "",
+            place=Sentence(_PLACES[int(shape["sensor"])]) if "sensor" in shape else "",
         ),
     }
     return Kinematic(tuple(step_to_json(step) for step in finding.steps), found, tried)
@@ -368,17 +365,12 @@ def _shape_values(content: Effect, shape: Mapping[str, float], machine: Machine,
     values: dict[str, Any] = {}
     for key, value in shape.items():
         without = "choice" if key in content.discrete_shapes else "1"
-        unit = own_unit(machine, joint, content.shape_units.get(key, without))
+        name, unit = key, own_unit(machine, joint, content.shape_units.get(key, without))
         if key == "other":
-            values[Sentence("fitting.other_joint", joint=machine.joints[int(value)].name)] = {
-                "value": value,
-                "std": None,
-                "unit": "index",
-            }
+            name, unit = Sentence("fitting.other_joint", joint=machine.joints[int(value)].name), "index"
         elif key in _CHOICES:
-            values[_CHOICES[key][int(value)]] = {"value": value, "std": None, "unit": "choice"}
-        else:
-            values[key] = {"value": value, "std": None, "unit": unit}
+            name, unit = _CHOICES[key][int(value)], "choice"
+        values[name] = {"value": value, "std": None, "unit": unit}
     return values
 
 

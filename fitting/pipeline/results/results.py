@@ -292,22 +292,13 @@ def _warnings(session: Session, results: StageResults) -> list[str]:
 
 def _beyond_training(session: Session, results: StageResults) -> list[str]:
     """List joints whose error on ``validate`` was expected to exceed that on the fitted motion by far."""
-    refitted = results[Refitted]
-    lines: list[str] = []
-    for joint, std, trained in zip(
-        session.machine.joints, refitted.predicted_std, refitted.errors["after"]["train"], strict=True
-    ):
-        if std is not None and trained is not None and std > BEYOND * trained:
-            lines.append(
-                Sentence(
-                    "fitting.validate_moves_where_training",
-                    joint=joint.name,
-                    std=std,
-                    unit=joint.effort_unit,
-                    trained=trained,
-                )
-            )
-    return lines
+    refitted, key = results[Refitted], "fitting.validate_moves_where_training"
+    joints = zip(session.machine.joints, refitted.predicted_std, refitted.errors["after"]["train"], strict=True)
+    return [
+        Sentence(key, joint=joint.name, std=std, unit=joint.effort_unit, trained=trained)
+        for joint, std, trained in joints
+        if std is not None and trained is not None and std > BEYOND * trained
+    ]
 
 
 def _in_situ_warnings(session: Session, joints: Sequence[str]) -> list[str]:
