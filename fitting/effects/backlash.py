@@ -73,8 +73,6 @@ class Backlash(Effect):
 
 def _mean_lever(view: DriveView) -> float:
     """Compute stroke per angle of the whole travel, as magnitude, m."""
-    joint = view.machine.joints[view.joint]
-    assert joint.cylinder is not None
-    low, high = joint.limits.position
-    ends = joint.cylinder.linkage.piston_position(np.array([low, high]))
+    low, high = view.machine.joints[view.joint].limits.position
+    ends = view.cylinder.linkage.piston_position(np.array([low, high]))
     return abs(float(ends[1] - ends[0])) / (high - low)

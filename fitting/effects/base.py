@@ -33,9 +33,10 @@ from typing import ClassVar, Literal
 import numpy as np
 import scipy
 
-from daq.machine.machine_file import Machine
+from daq.machine.machine_file import Cylinder, Machine
 from fitting.arm.base_parameters import BaseParameters, base_regressor
 from fitting.arm.expected import expected_power, expected_sign
+from fitting.arm.linkage import cylinder_of
 from fitting.arrays import FloatArray
 from fitting.signals.corrections import Corrections
 from fitting.signals.filters import FilterBank
@@ -187,8 +188,7 @@ class DriveView:
 
     def head_pressure_of(self, joint: int) -> FloatArray:
         """Return :attr:`p1` of any joint that has a cylinder with pressures."""
-        cylinder = self.machine.joints[joint].cylinder
-        assert cylinder is not None
+        cylinder = cylinder_of(self.machine.joints[joint])
         return (self.forces[:, joint] + self.rod_pressure_of(joint) * cylinder.rod_area) / cylinder.head_area
 
     def rod_pressure_of(self, joint: int) -> FloatArray:
@@ -196,6 +196,11 @@ class DriveView:
         if "rod_pressures" not in self.shared:
             self.shared["rod_pressures"] = self.rod_pressures()
         return self.shared["rod_pressures"][:, joint]
+
+    @property
+    def cylinder(self) -> Cylinder:
+        """The joint's cylinder."""
+        return cylinder_of(self.machine.joints[self.joint])
 
     @property
     def range(self) -> Ranges:
@@ -420,10 +425,13 @@ def gap_lever(view: DriveView, shape: Shape) -> FloatArray:
 
 def position_change(view: DriveView, error: FloatArray) -> FloatArray:
     """Compute the change (N,) of (piston position less x(joint position)) by a joint reading too large by ``error``."""
-    cylinder = view.machine.joints[view.joint].cylinder
-    assert cylinder is not None
-    linkage = cylinder.linkage
+    linkage = view.cylinder.linkage
     return np.asarray(linkage.piston_position(view.q - error) - linkage.piston_position(view.q))
+
+
+def signal_of(variable: str, shape: Shape) -> tuple[str, int | None]:
+    """Return the signal that an effect's variable is, and the neighbour that has it."""
+    return (variable[6:], int(shape["other"])) if variable.startswith("other.") else (variable, None)
 
 
 def has_pressures(machine: Machine, joint: int) -> bool:

@@ -51,7 +51,6 @@ class EndCushion(Effect):
 
 def _stroke(view: DriveView) -> tuple[float, float]:
     """Return ends of the allowed or reached stroke, m: a cushion is there, wherever recordings were."""
-    joint, (low, high) = view.machine.joints[view.joint], view.range.x
-    assert joint.cylinder is not None
-    ends = np.clip(joint.cylinder.linkage.piston_position(np.array(joint.limits.position)), 0.0, joint.cylinder.stroke)
+    (low, high), limits = view.range.x, view.machine.joints[view.joint].limits.position
+    ends = np.clip(view.cylinder.linkage.piston_position(np.array(limits)), 0.0, view.cylinder.stroke)
     return min(low, float(np.min(ends))), max(high, float(np.max(ends)))

@@ -7,7 +7,13 @@ import numpy as np
 
 from daq.machine.linkages import Linkage, Polynomial, reduced
 from daq.machine.machine_file import Machine
-from fitting.arm.linkage import lever_arm_derivatives, parameter_derivatives, parameter_names, with_parameter
+from fitting.arm.linkage import (
+    cylinder_of,
+    lever_arm_derivatives,
+    parameter_derivatives,
+    parameter_names,
+    with_parameter,
+)
 from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView, Effect, Parameter, Parity, Shape, has_both_positions
 from fitting.signals.corrections import Corrections
@@ -48,7 +54,7 @@ class LinkageGeometry(Effect):
         (``turn``: 1). The piston's sensor may have been zeroed before or after (``zero``: 1; only where both positions
         are measured). ``parameter`` is -1 where the distance is right.
         """
-        names = parameter_names(_linkage(view))
+        names = parameter_names(reduced(view.cylinder.linkage))
         beside = [("turn", "offset"), ("zero", "retracted")]
         seen = has_both_positions(view.machine, view.joint)
         free = [key for key, name in beside if name in names and (seen or key == "turn")]
@@ -67,14 +73,14 @@ class LinkageGeometry(Effect):
         return [shape for shape in self.shapes(view) if shape["parameter"] >= 0 or shape["zero"]]
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        linkage = _linkage(view)
+        linkage = reduced(view.cylinder.linkage)
         if not view.segment.loaded:
             return np.zeros((len(view), 3))
         return -view.load[:, None] * _chosen(linkage, lever_arm_derivatives(linkage, view.q), shape) / view.r[:, None]
 
     def gap_columns(self, view: DriveView, shape: Shape) -> FloatArray | None:
         """Return ``dx/dp``: the piston is at the true linkage's x(q), the model at the file's."""
-        linkage = _linkage(view)
+        linkage = reduced(view.cylinder.linkage)
         return _chosen(linkage, parameter_derivatives(linkage, view.q), shape)
 
     def apply_to_signals(
@@ -83,8 +89,7 @@ class LinkageGeometry(Effect):
         """Correct the machine's linkage to the finding."""
         machine = corrections.machine
         number = next(n for n, each in enumerate(machine.joints) if each.name == joint)
-        cylinder = machine.joints[number].cylinder
-        assert cylinder is not None
+        cylinder = cylinder_of(machine.joints[number])
         linkage = _changed(reduced(cylinder.linkage), shape, values)
         joints = list(machine.joints)
         own = cylinder.model_copy(update={"linkage": linkage})
@@ -93,7 +98,7 @@ class LinkageGeometry(Effect):
 
     def gap_change(self, view: DriveView, shape: Shape, values: Sequence[float]) -> FloatArray | None:
         """Compute the same for a displacement of any size."""
-        linkage = _linkage(view)
+        linkage = reduced(view.cylinder.linkage)
         return _changed(linkage, shape, values).piston_position(view.q) - linkage.piston_position(view.q)
 
 
@@ -110,12 +115,6 @@ def _changed(linkage: Linkage, shape: Shape, values: Sequence[float]) -> Linkage
             name = parameter_names(linkage)[number]
             linkage = with_parameter(linkage, name, getattr(linkage, name) + value)
     return linkage
-
-
-def _linkage(view: DriveView) -> Linkage:
-    cylinder = view.machine.joints[view.joint].cylinder
-    assert cylinder is not None
-    return reduced(cylinder.linkage)
 
 
 def _numbers(linkage: Linkage, shape: Shape) -> tuple[int | None, int | None, int | None]:

@@ -33,7 +33,6 @@ class PressureGain(Effect):
         return "head_pressure" if shape["chamber"] == 1.0 else "rod_pressure"
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        cylinder = view.machine.joints[view.joint].cylinder
-        assert cylinder is not None
-        force = view.p1 * cylinder.head_area if shape["chamber"] == 1.0 else -view.p2 * cylinder.rod_area
+        cylinder, head = view.cylinder, shape["chamber"] == 1.0
+        force = view.p1 * cylinder.head_area if head else -view.p2 * cylinder.rod_area
         return force[:, None]

@@ -10,15 +10,15 @@ import numpy as np
 import scipy
 
 from fitting.arrays import FloatArray
-from fitting.effects.base import Parity
+from fitting.effects.base import Parity, signal_of
 from fitting.regression.design import effort_residual, full_residual
 from fitting.regression.drive import UNITS, drive_columns, effort_unit
 from fitting.report.joint_words import joint_words
 from fitting.report.model import Course, FrictionCurve, JointDiagnostics, Scatter
-from fitting.residual.laws import NEIGHBOUR, OWN, Law
+from fitting.residual.laws import NEIGHBOUR, OWN, Law, values_of
 from fitting.residual.simple_formulas import nearest_formula
 from fitting.residual.surfaces import Surface
-from fitting.residual.terms import Model
+from fitting.residual.terms import Model, Term
 from fitting.signals.splines import evaluate
 
 _GRID = 61
@@ -118,25 +118,19 @@ def _scatter(before: Model, after: Model, number: int, shown: Sequence[int], oth
     joint = _joint_of(after, number)
     name = design.machine.joints[joint].name
     variable, unit = _variable(after, number, joint)
-    x, direction, columns = [], [], []
-    first: list[FloatArray] = []
-    second: list[FloatArray] = []
-    own: list[FloatArray] = []
     part = after.term_slice(number)
+    rows = []
     for index in shown:
         pick = slice(design.bank.half, len(design.segments[index]) - design.bank.half, design.bank.decimation)
         keep = design.blocks[joint][index].keep
-        x.append(_signal(after, number, index, joint)[pick][keep])
-        direction.append(np.sign(after.views[index][joint].s[pick][keep]))
-        for model, target in ((before, first), (after, second)):
-            residual = full_residual(model.design, model.fit.theta, joint, index, model.extra)
-            target.append(model.design.bank.reduce(residual)[keep])
+        residuals = [full_residual(m.design, m.fit.theta, joint, index, m.extra) for m in (before, after)]
         added = after.contribution(number, joint, index)
-        columns.append(added[pick][keep])
-        if other is not None:
-            added = added + after.contribution(other, joint, index)
-        own.append(design.bank.reduce(added)[keep])
-    law_x, law_y = _binned(np.concatenate(x), np.concatenate(columns))
+        both = added if other is None else added + after.contribution(other, joint, index)
+        moved = _signal(after, number, index, joint), np.sign(after.views[index][joint].s), added
+        reduced = [design.bank.reduce(own) for own in (*residuals, both)]
+        rows.append([own[keep] for own in (*(own[pick] for own in moved), *reduced)])
+    x, direction, columns, first, second, own = map(np.concatenate, zip(*rows, strict=True))
+    law_x, law_y = _binned(x, columns)
     odd = not isinstance(term.content, Law) and term.content.parity is Parity.ODD
     law_back = None
     law_std = np.zeros(0)
@@ -149,23 +143,23 @@ def _scatter(before: Model, after: Model, number: int, shown: Sequence[int], oth
         law_back = None if back == forth else back * law_y
         law_y, law_std = forth * law_y, forth * law_std  # of a law of negative speed there is nothing at positive
     elif odd:
-        forth = np.concatenate(direction) > 0
-        law_x, law_y = _binned(np.concatenate(x)[forth], np.concatenate(columns)[forth])
-        _, law_back = _binned(np.concatenate(x)[~forth], np.concatenate(columns)[~forth], law_x)
+        forth = direction > 0
+        law_x, law_y = _binned(x[forth], columns[forth])
+        _, law_back = _binned(x[~forth], columns[~forth], law_x)
     return Scatter(
         joint=name,
         variable=variable,
         unit=unit,
-        x=np.concatenate(x),
-        before=np.concatenate(first),
-        after=np.concatenate(second),
+        x=x,
+        before=first,
+        after=second,
         law_x=law_x,
         law_y=law_y,
         law_std=law_std if len(law_std) else np.zeros_like(law_x),
         effort_unit=effort_unit(design.machine.joints[joint]),
-        direction=None if law_back is None else np.concatenate(direction),
+        direction=None if law_back is None else direction,
         law_back=law_back,
-        partial=np.concatenate(second) + np.concatenate(own),
+        partial=second + own,
     )
 
 
@@ -202,35 +196,26 @@ def _joint_of(model: Model, number: int) -> int:
     return int(np.argmax(sizes))
 
 
+def _followed(term: Term) -> tuple[str, int | None]:
+    """Return the signal that a term is drawn against, and the neighbour that has it."""
+    if isinstance(term.content, Law):
+        return term.content.signal, term.content.other
+    return signal_of(term.content.variable, term.shape)
+
+
 def _variable(model: Model, number: int, joint: int) -> tuple[str, str]:
     """Return what a term is drawn against, and unit, in the words of the signal's joint."""
-    term = model.terms[number]
     joints = model.design.machine.joints
-    if isinstance(term.content, Law):
-        name, other, unit = term.content.signal, term.content.other, term.content.unit
-    else:
-        name, other = term.content.variable, None
-        if name.startswith("other."):
-            name, other = name[6:], int(term.shape["other"])
-        if other is not None or name == "joint_position":
-            unit = NEIGHBOUR[name][0]
-        else:
-            unit = OWN[name][0]
+    name, other = _followed(model.terms[number])
+    unit = OWN[name][0] if other is None and name in OWN else NEIGHBOUR[name][0]
     words = joint_words(joints[joint if other is None else other])
     own = words.signal(name)
     return (own if other is None else f"{joints[other].name}.{own}"), words.unit(unit)
 
 
 def _signal(model: Model, number: int, index: int, joint: int) -> FloatArray:
-    term, view = model.terms[number], model.views[index][joint]
-    if isinstance(term.content, Law):
-        return term.content.values(view)
-    name = term.content.variable
-    if name.startswith("other."):
-        return NEIGHBOUR[name[6:]][1](view, int(term.shape["other"]))
-    if name == "joint_position":
-        return view.q
-    return OWN[name][1](view)
+    name, other = _followed(model.terms[number])
+    return values_of(model.views[index][joint], name, joint if other is None and name not in OWN else other)
 
 
 def _binned(x: FloatArray, y: FloatArray, centres: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:

@@ -88,7 +88,7 @@ class Law:
 
     def values(self, view: DriveView) -> FloatArray:
         """Return the signal, (N,)."""
-        return OWN[self.signal][1](view) if self.other is None else NEIGHBOUR[self.signal][1](view, self.other)
+        return values_of(view, self.signal, self.other)
 
     @property
     def unit(self) -> str:
@@ -138,6 +138,11 @@ class Law:
     def parity(self) -> tuple[bool, Way]:
         """Dependence on the direction of motion: two laws of one signal that differ in it add up."""
         return self.signed, self.only
+
+
+def values_of(view: DriveView, signal: str, other: int | None) -> FloatArray:
+    """Return a signal (N,) of the joint, or of a neighbour."""
+    return OWN[signal][1](view) if other is None else NEIGHBOUR[signal][1](view, other)
 
 
 def laws(views: Views, joint: int, fitted: tuple[int, ...]) -> Iterator[Law]:

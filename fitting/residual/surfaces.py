@@ -18,7 +18,7 @@ import scipy
 
 from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView
-from fitting.residual.laws import NEIGHBOUR, OWN, OWN_FORCE, THROUGH_THE_ARM, Law, varies
+from fitting.residual.laws import OWN_FORCE, THROUGH_THE_ARM, Law, values_of, varies
 from fitting.residual.scoring import Score, score_terms
 from fitting.residual.terms import Model, Term
 
@@ -100,9 +100,8 @@ def surfaces(model: Model, joint: int, *, twist: bool = False) -> Iterator[Surfa
     views = [model.views[index][joint] for index in model.fitted]
     ranges: dict[tuple[str, int | None], tuple[float, float]] = {}
     for name, other in signals:
-        shown = [v for v in views if v.segment.loaded or not _through_the_arm(name, other)]
-        got = [OWN[name][1](v) if other is None else NEIGHBOUR[name][1](v, other) for v in shown]
-        values = np.concatenate(got or [np.zeros(1)])
+        shown = (v for v in views if v.segment.loaded or not _through_the_arm(name, other))
+        values = np.concatenate([values_of(v, name, other) for v in shown] or [np.zeros(1)])
         if varies(values):
             ranges[name, other] = (float(values.min()), float(values.max()))
     for (first, other), (second, second_other) in combinations(ranges, 2):

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from fitting.arrays import FloatArray, IntArray
-from fitting.effects.base import Effect, Parity
+from fitting.effects.base import Effect, Parity, signal_of
 from fitting.effects.bounds import limits
 from fitting.residual.laws import Law
 from fitting.residual.scoring import Score
@@ -222,7 +222,8 @@ class RatedNames:
         effect = term.content
         if not isinstance(effect, Effect):
             return []
-        name, other = _signal(term)
+        name, other = signal_of(effect.signal(term.shape), term.shape)
+        name = "piston_position" if (name, other) == ("joint_position", None) else name  # as laws name it
         odd, even = effect.parity is Parity.ODD, effect.parity is Parity.EVEN
         result = []
         for signed in (False, True):
@@ -257,12 +258,3 @@ def _first_terms(score: Score) -> list[IntArray]:
     if is_series(score.term):
         return [numbers[:order] for order in range(1, len(numbers) + 1)]
     return [np.flatnonzero(np.asarray(score.values))]
-
-
-def _signal(term: Term) -> tuple[str, int | None]:
-    """Return an effect's signal as laws name it, and the neighbour that has it."""
-    assert isinstance(term.content, Effect)
-    name = term.content.signal(term.shape)
-    if name.startswith("other."):
-        return name[6:], int(term.shape["other"])
-    return "piston_position" if name == "joint_position" else name, None

@@ -9,7 +9,7 @@ import scipy
 
 from daq.machine.linkages import ThreePin
 from daq.machine.machine_file import Machine
-from fitting.arm.linkage import parameter_names
+from fitting.arm.linkage import cylinder_of, parameter_names
 from fitting.checks.findings import worded
 from fitting.checks.mistakes.channel_trials import mapped, weighted
 from fitting.checks.mistakes.hypothesis import Build, Hypothesis
@@ -38,9 +38,9 @@ def changed_joint(machine: Machine, number: int, part: str, key: str, value: flo
     if part == "dh":
         new = joint.model_copy(update={"dh": joint.dh.model_copy(update={key: value})})
     else:
-        assert joint.cylinder is not None
-        linkage = joint.cylinder.linkage.model_copy(update={key: value})
-        new = joint.model_copy(update={"cylinder": joint.cylinder.model_copy(update={"linkage": linkage})})
+        cylinder = cylinder_of(joint)
+        linkage = cylinder.linkage.model_copy(update={key: value})
+        new = joint.model_copy(update={"cylinder": cylinder.model_copy(update={"linkage": linkage})})
     joints = tuple(new if k == number else own for k, own in enumerate(machine.joints))
     return machine.model_copy(update={"joints": joints})
 
