@@ -192,8 +192,24 @@ class Trial:
 
     @cached_property
     def blocks(self) -> tuple[Block | None, ...]:
-        """Compressed rows of every joint; None for an uninformative one."""
-        return _blocks(self)
+        """Rows of every joint in which it moves, compressed by QR; None for an uninformative one."""
+        motion, body, n = self.motion, self.body, len(self.machine.joints)
+        if any(j.drive is not None and j.drive.coupled for j in self.machine.joints):
+            more = coupled_regressor(self.machine, motion.qd, motion.qdd, speed_noise=motion.speed_noise)
+            body = np.concatenate([body, more], axis=2)
+        if self.carried is not None:
+            body = np.concatenate([body, body[:, :, 10 * n - 10 : 10 * n] * self.carried[:, None, None]], axis=2)
+        blocks: list[Block | None] = []
+        for number, side in enumerate(self.sides):
+            if side is None:
+                blocks.append(None)
+                continue
+            own = body[side.rows, number] * side.lever[:, None]
+            free = side.free.shape[1]
+            R = _triangle(np.column_stack([side.free, own, side.beside]))[free:, free:]
+            ends = np.cumsum([own.shape[1], len(side.usual), len(side.names)])
+            blocks.append(Block(side, *np.split(R, ends, axis=1)))
+        return tuple(blocks)
 
     def with_machine(self, machine: Machine) -> Trial:
         """Return the samples on another machine file; where only links change, with what their rows have beside."""
@@ -290,29 +306,6 @@ def _side(trial: Trial, number: int) -> Side | None:
     lever = np.where(samples.loaded, 1.0 / motion.r[:, number], 0.0)[rows]
     beside = np.column_stack([drive[rows], S, _rivals(trial, number, v)[rows]])
     return Side(rows, free, lever, beside, tuple(named), centred.T @ centred, usual)
-
-
-def _blocks(trial: Trial) -> tuple[Block | None, ...]:
-    """Build the rows of every joint in which it moves, compressed by QR."""
-    machine, motion = trial.machine, trial.motion
-    n = len(machine.joints)
-    body = trial.body
-    if any(j.drive is not None and j.drive.coupled for j in machine.joints):
-        more = coupled_regressor(machine, motion.qd, motion.qdd, speed_noise=motion.speed_noise)
-        body = np.concatenate([body, more], axis=2)
-    if trial.carried is not None:
-        body = np.concatenate([body, body[:, :, 10 * n - 10 : 10 * n] * trial.carried[:, None, None]], axis=2)
-    blocks: list[Block | None] = []
-    for number, side in enumerate(trial.sides):
-        if side is None:
-            blocks.append(None)
-            continue
-        own = body[side.rows, number] * side.lever[:, None]
-        free = side.free.shape[1]
-        R = _triangle(np.column_stack([side.free, own, side.beside]))[free:, free:]
-        ends = np.cumsum([own.shape[1], len(side.usual), len(side.names)])
-        blocks.append(Block(side, *np.split(R, ends, axis=1)))
-    return tuple(blocks)
 
 
 def _triangle(A: FloatArray) -> FloatArray:
