@@ -72,9 +72,8 @@ def check_effect(effect: Effect) -> None:
         for joint in _joints(effect, bench.machine):
             used = True
             _check_columns(effect, bench, joint)
-        _check_gap(effect, bench)
-    bends = any(_gap(effect, bench, j) is not None for bench in _benches() for j in _both(bench))
-    _require(effect, used or bends, "it applies to no joint of any arm, and no position sensor sees it")
+        used = _check_gap(effect, bench) or used
+    _require(effect, used, "it applies to no joint of any arm, and no position sensor sees it")
 
 
 def _require(effect: Effect, condition: bool, text: str) -> None:
@@ -180,31 +179,23 @@ def _columns(effect: Effect, view: DriveView, shape: Shape, place: str) -> Float
     return columns
 
 
-def _both(bench: _Bench) -> list[int]:
-    """List joints of a bench with two position sensors."""
-    return [j for j in range(len(bench.machine.joints)) if has_both_positions(bench.machine, j)]
-
-
-def _with_efforts(view: DriveView) -> DriveView:
-    """Add measured efforts to the view, for what bends between two position sensors."""
-    return replace(view, segment=replace(view.segment, effort=view.forces), cache={})
-
-
-def _gap(effect: Effect, bench: _Bench, joint: int) -> FloatArray | None:
-    view = _with_efforts(bench.views[1][joint])
-    return effect.gap_columns(view, effect.gap_shapes(view)[0])
-
-
-def _check_gap(effect: Effect, bench: _Bench) -> None:
-    for joint in _both(bench):
-        view = _with_efforts(bench.views[1][joint])
+def _check_gap(effect: Effect, bench: _Bench) -> bool:
+    """Check gap columns, and return whether two position sensors of the bench see the effect."""
+    seen = False
+    for joint in range(len(bench.machine.joints)):
+        if not has_both_positions(bench.machine, joint):
+            continue
+        view = bench.views[1][joint]
+        view = replace(view, segment=replace(view.segment, effort=view.forces), cache={})
         for shape in effect.gap_shapes(view):
             columns = effect.gap_columns(view, shape)
             if columns is not None:
+                seen = True
                 wanted = (len(view), len(effect.parameters))
                 _require(effect, columns.shape == wanted, f"gap columns have shape {columns.shape}, not {wanted}")
                 _require(effect, bool(np.all(np.isfinite(columns))), "gap columns are not finite")
                 _require(effect, bool(np.any(columns)), "gap columns are zero; give None where there is no gap")
+    return seen
 
 
 def _like(first: FloatArray, second: FloatArray) -> bool:
