@@ -271,13 +271,10 @@ class _Evidence:
         columns += [rows.whitened([law.columns(view) for view in rows.views]) for law in self.laws]
         self._white = free(np.hstack(columns))
         self._gram = self._white.T @ self._white
-        ends = np.cumsum([0, *(c.shape[1] for c in columns)])
-        places = [np.arange(a, b) for a, b in pairwise(ends)]
-        count = len(self.parts)
-        self._own, self._beyond, self._rates, self._unsure, self._of_law = (
-            places[a * count + 1 : b * count + 1] if b else places[a * count + 1 :]
-            for a, b in ((0, 1), (1, 2), (2, 3), (3, 4), (4, 0))
-        )
+        ends = np.cumsum([c.shape[1] for c in columns])
+        places = (np.arange(a, b) for a, b in pairwise(ends))
+        self._own, self._beyond, self._rates, self._unsure = ([next(places) for _ in self.parts] for _ in range(4))
+        self._of_law = list(places)
         self._slow = [whitened_parts(self._gram[np.ix_(own, own)]) for own in self._rates]
         self._sizes = priors.amplitudes(float(np.sqrt(self._gram[0, 0])))
 
