@@ -239,7 +239,7 @@ def _chi_squares(model: Model, prior: Prior, others: Sequence[Term], candidates:
     extra = extra_columns(design, model.views, [*others, *candidates])
     late = late_terms(others, design.parameters)
     R = folded(design, model.noise, model.fitted, extra, lambda rows: with_prior(rows, design.parameters, prior, late))
-    width = len(candidates[0].names(design.parameters.joints))
+    width = candidates[0].width
     fixed = R.shape[1] - 1 - width * len(candidates)
     result = []
     for number in range(len(candidates)):

@@ -239,7 +239,7 @@ class ArmModel:
     @cached_property
     def term_slices(self) -> tuple[slice, ...]:
         """Places of every term's parameters in :attr:`theta`."""
-        widths = [len(term.names(self.joints)) for term in self.terms]
+        widths = [term.width for term in self.terms]
         return tuple(slice(*ends) for ends in pairwise(accumulate(widths, initial=len(self.parameters))))
 
     @cached_property

@@ -129,7 +129,7 @@ def visibilities(
         shadow, squares = projectors[joint][: len(block)].T @ block, np.einsum("ij,ij->j", block, block)
         start = 0
         for number in numbers:
-            part = slice(start, start + _width(terms[number]))
+            part = slice(start, start + terms[number].width)
             result[number] = _visibility(terms[number], squares[part], shadow[:, part])
             start = part.stop
     for row in views:
@@ -142,7 +142,7 @@ def _white(
     design: Design, noise: NoiseModel, views: Views, indices: Sequence[int], terms: Sequence[Term], joint: int
 ) -> FloatArray:
     """Whiten columns of terms in one joint's rows, in the order of the base's."""
-    parts = [np.zeros((0, sum(_width(term) for term in terms)))]
+    parts = [np.zeros((0, sum(term.width for term in terms)))]
     for index in indices:
         kept = design.kept(noise, joint, index)
         if not kept.any():
@@ -150,11 +150,6 @@ def _white(
         full = np.hstack([c[:, joint] if t.everywhere else c for t in terms for c in (t.columns(views[index]),)])
         parts.append(noise.of(joint, design.segments[index].loaded)(design.bank.reduce(full))[kept])
     return np.vstack(parts)
-
-
-def _width(term: Term) -> int:
-    content = term.content
-    return content.functions if isinstance(content, Law) else len(content.parameters)
 
 
 def _visibility(term: Term, squares: FloatArray, shadow: FloatArray) -> Visibility:

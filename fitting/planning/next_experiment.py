@@ -86,7 +86,7 @@ class Question:
         known = [term for term in model.terms if term.family not in families]
         shapes = [_shapes(model, rival) for rival in rivals]
         self.terms = (*known, *(term for own in shapes for term in own))
-        widths = [len(term.names(design.parameters.joints)) for term in self.terms]
+        widths = [term.width for term in self.terms]
         ends = np.cumsum([len(design.parameters), *widths]).tolist()
         self.fixed = ends[len(known)]
         places = [slice(e - w - self.fixed, e - self.fixed) for e, w in zip(ends[1:], widths, strict=True)]

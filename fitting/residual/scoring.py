@@ -140,7 +140,7 @@ class Candidates:
     def __init__(self, model: Model, terms: Sequence[Term], grid: Sequence[int]) -> None:
         """Build the columns; ``grid[i]`` is the size of the grid that candidate ``i`` was picked from."""
         self.terms, self.grid = tuple(terms), tuple(grid)
-        self._widths = [len(term.names(model.design.parameters.joints)) for term in self.terms]
+        self._widths = [term.width for term in self.terms]
         groups: dict[int | None, list[int]] = {}
         for number, term in enumerate(self.terms):
             groups.setdefault(term.place, []).append(number)
@@ -299,7 +299,7 @@ def white_columns(model: Model, term: Term) -> tuple[FloatArray, npt.NDArray[np.
     """Whiten one joint's term in its rows' order, and return which rows are unloaded."""
     joint, design = term.joint or 0, model.design
     rows = len(model.fit.residual[joint])
-    out = np.zeros((rows, len(term.names(design.parameters.joints))))
+    out = np.zeros((rows, term.width))
     _white_columns(model, [term], range(joint, joint + 1), [out])
     unloaded = np.zeros(rows, dtype=bool)
     for index, part in model.sections(joint):
@@ -345,7 +345,7 @@ def _prior_of_delays(model: Model, terms: Sequence[Term], joint: int, columns: F
     for term in terms if expected is not None else ():
         if term.delays_effort and term.joint == joint and expected is not None:
             columns[-1, start] = 1.0 / expected[1]
-        start += len(term.names(model.design.parameters.joints))
+        start += term.width
 
 
 def _scored(

@@ -106,6 +106,11 @@ class Term:
         """The one joint on whose effort it acts; None where it acts on those of all."""
         return None if self.everywhere else self.joint or 0
 
+    @property
+    def width(self) -> int:
+        """Number of its linear parameters."""
+        return self.content.functions if isinstance(self.content, Law) else len(self.content.parameters)
+
     def names(self, joints: tuple[str, ...]) -> tuple[str, ...]:
         """Return the names of its linear parameters, with the joint."""
         place = "machine" if self.joint is None else joints[self.joint]
@@ -120,7 +125,7 @@ def extra_columns(design: Design, views: Views, terms: Sequence[Term]) -> Extra:
     """Compute full-rate columns of all terms in all segments."""
     joints = tuple(j.name for j in design.machine.joints)
     names = tuple(name for term in terms for name in term.names(joints))
-    widths = [len(term.names(joints)) for term in terms]
+    widths = [term.width for term in terms]
 
     def made(index: int) -> list[FloatArray | None]:
         row: list[FloatArray | None] = [None] * len(joints)
@@ -223,9 +228,8 @@ class Model:
 
     def term_slice(self, number: int) -> slice:
         """Return the slice of term ``number``'s parameters in ``fit.theta``."""
-        joints = self.design.parameters.joints
-        start = len(self.design.parameters) + sum(len(t.names(joints)) for t in self.terms[:number])
-        return slice(start, start + len(self.terms[number].names(joints)))
+        start = len(self.design.parameters) + sum(term.width for term in self.terms[:number])
+        return slice(start, start + self.terms[number].width)
 
     def sections(self, joint: int) -> list[tuple[int, slice]]:
         """Return fitted segments and their slices of a joint's rows; a prior's come after them."""
@@ -273,7 +277,7 @@ def late_terms(terms: Sequence[Term], parameters: Parameters) -> dict[int, Late]
     for term in terms:
         if term.delays_effort and term.joint is not None:
             found[term.joint] = (column, sum(term.rebuilt))
-        column += len(term.names(parameters.joints))
+        column += term.width
     return found
 
 
