@@ -118,8 +118,11 @@ class Arm:
     def time(self, seconds: float) -> FloatArray:
         return np.arange(round(seconds * self.machine.rate_hz) + 1) / self.machine.rate_hz
 
-    def held(self, samples: int, pose: FloatArray) -> FloatArray:
-        return np.tile(pose, (samples, 1))
+    def alone(self, course: FloatArray, pose: FloatArray | None = None) -> FloatArray:
+        """Move the joint along a course (N,) in a pose (n,) of the others, mid-range if None: (N, n)."""
+        q = np.tile(self.middle if pose is None else pose, (len(course), 1))
+        q[:, self.joint] = course
+        return q
 
     def stairs(self, seconds: float, levels: int, slowest: float) -> FloatArray:
         """Make joint positions of a staircase about mid-way: constant speeds of the drive."""
@@ -205,16 +208,12 @@ def _bursts(arm: Arm, highest: float, ratio: float, amplitude: float) -> tuple[s
     frequencies = tuple(float(highest / ratio**k) for k in (2, 1, 0))
     cycles = max(2, int(arm.seconds / sum(1 / f for f in frequencies)))
     parts = [amplitude * _burst(arm.time(cycles / f)[:-1], f, cycles) for f in frequencies]
-    course = np.append(np.concatenate(parts), 0.0)
-    q = arm.held(len(course), arm.middle)
-    q[:, arm.joint] += course
-    return ", ".join(f"{f:.2g}" for f in frequencies), q
+    course = arm.middle[arm.joint] + np.append(np.concatenate(parts), 0.0)
+    return ", ".join(f"{f:.2g}" for f in frequencies), arm.alone(course)
 
 
 def _staircase(arm: Arm) -> tuple[str, FloatArray]:
-    course = arm.stairs(arm.seconds, 8, _SLOWEST)
-    q = arm.held(len(course), arm.middle)
-    q[:, arm.joint] = course
+    q = arm.alone(arm.stairs(arm.seconds, 8, _SLOWEST))
     return Sentence("fitting.staircase_constant_speeds_out", arm=arm.name), q
 
 
@@ -247,9 +246,7 @@ def _two_poses(arm: Arm) -> tuple[str, FloatArray]:
     for pose in (light, heavy):
         if pose is heavy:
             parts.append(_step(light, heavy, there, rate))
-        part = arm.held(len(course), pose)
-        part[:, arm.joint] = course
-        parts.append(part)
+        parts.append(arm.alone(course, pose))
     text = Sentence("fitting.same_strokes_twice_other", arm=arm.name)
     return text, np.concatenate(parts)
 
@@ -279,13 +276,11 @@ def _neighbour(arm: Arm) -> tuple[str, FloatArray]:
     others = [k for k in (arm.joint + 1, arm.joint - 1) if 0 <= k < count]
     if not others:
         raise NotPossibleError("fitting.joint_no_neighbour", machine=arm.machine.name)
-    time = arm.time(arm.seconds)
-    q = arm.held(len(time), arm.middle)
-    way = arm.way(arm.joint)
+    time, way = arm.time(arm.seconds), arm.way(arm.joint)
     # Creeping over the whole way and back, 1.5 times: slow, and never at rest for long.
     creep = 1.5 / arm.seconds
     amplitude = min(way.half, way.speed / (9.0 * creep), way.acceleration / (70.0 * creep**2))
-    q[:, arm.joint] += amplitude * _wave(time, arm.seconds, creep)
+    q = arm.alone(way.middle + amplitude * _wave(time, arm.seconds, creep))
     for place, other in enumerate(others):
         near = arm.way(other)
         frequency = (0.3, 0.43)[place]
