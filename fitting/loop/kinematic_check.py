@@ -339,11 +339,9 @@ def _log_odds_of_moving(model: Model, score: GapScore) -> float:
 
 def _law(posterior: GapPosterior, conclusion: GapConclusion) -> KinematicLaw:
     """Return the law of a set with its curve."""
-    rows: GapRows = posterior.rows
-    assert conclusion.chosen.law is not None
-    values, covariance, gain = posterior.curve(conclusion.chosen)
-    law, could_be = conclusion.chosen.law, conclusion.effects
-    return KinematicLaw(rows.joint, law, values, covariance, gain, conclusion.probability, could_be)
+    law, curve = conclusion.chosen.law, posterior.curve(conclusion.chosen)
+    assert law is not None
+    return KinematicLaw(posterior.rows.joint, law, *curve, conclusion.probability, conclusion.effects)
 
 
 def _hypotheses(posteriors: Mapping[int, GapPosterior]) -> tuple[Hypothesis, ...]:

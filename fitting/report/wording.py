@@ -156,13 +156,6 @@ def over_noise(report: Mapping[str, Any], which: str) -> float | None:
     return math.sqrt(sum(squares) / len(squares)) if squares else None
 
 
-def _interval(ci: Sequence[float] | None, language: Language = ENGLISH) -> str:
-    """Write ``(95 % interval −66 % to −52 %)`` or nothing."""
-    if not ci:
-        return ""
-    return language.phrase(" (95\u202f% interval {} to {})", language.percent(ci[0]), language.percent(ci[1]))
-
-
 def improvement(report: Mapping[str, Any], joints: Sequence[str | None], language: Language = ENGLISH) -> str:
     """Word the error's change on the validation motion: at one joint where one is concerned, and in all."""
     chosen = [joint for joint in dict.fromkeys(joints) if joint in report["errors"]]
@@ -173,7 +166,9 @@ def improvement(report: Mapping[str, Any], joints: Sequence[str | None], languag
     where = "that of all joints together" if own else "the error of all joints on the validation motion"
     how = moved(overall["change_percent"])
     size = [language.percent(abs(overall["change_percent"])).removeprefix("+")] if "{}" in how else []
-    altogether = language.phrase(f"{where} {how}{{}}", *size, _interval(overall.get("ci95_percent"), language))
+    ends = [language.percent(end) for end in overall.get("ci95_percent") or ()]
+    interval = language.phrase(" (95\u202f% interval {} to {})", *ends) if ends else ""
+    altogether = language.phrase(f"{where} {how}{{}}", *size, interval)
     return language.phrase("{} and {}", own, altogether) if own else altogether
 
 

@@ -58,13 +58,10 @@ class Draws:
             for term, null in zip(terms, self._signals.nulls(model, terms, draws, first), strict=True):
                 self._drawn[term.label] = first + draws
                 if null is not None:
-                    known = self._nulls.get(term.label)
-                    self._nulls[term.label] = null if known is None else known.joined(null)
-        return [self._against(r.score) for r in rated]
-
-    def _against(self, score: Score) -> Score:
-        null = self._nulls.get(score.term.label)
-        return score if null is None else score.against(null)
+                    before = self._nulls.get(term.label)
+                    self._nulls[term.label] = null if before is None else before.joined(null)
+        known = ((r.score, self._nulls.get(r.term.label)) for r in rated)
+        return [score if null is None else score.against(null) for score, null in known]
 
 
 class Trust:
