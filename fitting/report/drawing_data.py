@@ -116,7 +116,7 @@ def _scatter(before: Model, after: Model, number: int, shown: Sequence[int], oth
     term = after.terms[number]
     design = after.design
     joint = _joint_of(after, number)
-    name = design.machine.joints[joint].name
+    described = design.machine.joints[joint]
     variable, unit = _variable(after, number, joint)
     part = after.term_slice(number)
     rows = []
@@ -131,9 +131,7 @@ def _scatter(before: Model, after: Model, number: int, shown: Sequence[int], oth
         rows.append([own[keep] for own in (*(own[pick] for own in moved), *reduced)])
     x, direction, columns, first, second, own = map(np.concatenate, zip(*rows, strict=True))
     law_x, law_y = _binned(x, columns)
-    odd = not isinstance(term.content, Law) and term.content.parity is Parity.ODD
-    law_back = None
-    law_std = np.zeros(0)
+    law_back, law_std = None, np.zeros_like(law_x)
     if other is not None:
         law_x, law_y, law_back, law_std = _both_ways(after, (number, other))
     elif isinstance(term.content, Law):
@@ -142,12 +140,12 @@ def _scatter(before: Model, after: Model, number: int, shown: Sequence[int], oth
         forth, back = term.content.factor(1.0), term.content.factor(-1.0)
         law_back = None if back == forth else back * law_y
         law_y, law_std = forth * law_y, forth * law_std  # of a law of negative speed there is nothing at positive
-    elif odd:
+    elif term.content.parity is Parity.ODD:
         forth = direction > 0
         law_x, law_y = _binned(x[forth], columns[forth])
         _, law_back = _binned(x[~forth], columns[~forth], law_x)
     return Scatter(
-        joint=name,
+        joint=described.name,
         variable=variable,
         unit=unit,
         x=x,
@@ -155,8 +153,8 @@ def _scatter(before: Model, after: Model, number: int, shown: Sequence[int], oth
         after=second,
         law_x=law_x,
         law_y=law_y,
-        law_std=law_std if len(law_std) else np.zeros_like(law_x),
-        effort_unit=effort_unit(design.machine.joints[joint]),
+        law_std=law_std,
+        effort_unit=effort_unit(described),
         direction=None if law_back is None else direction,
         law_back=law_back,
         partial=second + own,

@@ -59,11 +59,12 @@ def loop_content(session: Session, results: StageResults, model: Model) -> dict[
     for finding in kinematics:
         if (finding.steps[0]["effect"], finding.steps[0]["joint"]) not in added:  # a name is said once
             effects.append(finding.effect)
-    for number, (term, accepted) in enumerate(zip(found.terms, found.accepted, strict=True)):
-        if isinstance(term.content, Law):
-            unexplained.append(_added_law(machine, term, term.content, model, number, accepted))
+    for number, accepted in enumerate(found.accepted):
+        content = accepted.term.content
+        if isinstance(content, Law):
+            unexplained.append(_added_law(machine, content, model, number, accepted))
         else:
-            effects.append(_added_effect(machine, term, term.content, model, number, accepted))
+            effects.append(_added_effect(machine, content, model, number, accepted))
     ripples = (line for line in found.lines if is_ripple(machine, line))
     effects += [_line_effect(names, line) for line in ripples if line.frequency_hz > session.bank.bandwidth_hz]
     unexplained += [*results[Residual].laws, *found.unconfirmed]
@@ -94,15 +95,13 @@ def _change(found: ChangePoint, names: Sequence[str]) -> dict[str, Any]:
     return {key: value for key, value in content.items() if key not in ("column", "gain")}
 
 
-def _added_law(
-    machine: Machine, term: Term, law: Law, model: Model, number: int, accepted: AcceptedTerm
-) -> dict[str, Any]:
+def _added_law(machine: Machine, law: Law, model: Model, number: int, accepted: AcceptedTerm) -> dict[str, Any]:
     """Build a law that was added to the model, term ``number``."""
     part = model.term_slice(number)
     return _law_entry(
         machine,
         law,
-        term.joint or 0,
+        accepted.term.joint or 0,
         law=spline_curve(law, model.fit.theta[part], model.fit.covariance[part, part]),
         amplitude=_amplitude(model, number),
         added=True,
@@ -112,14 +111,12 @@ def _added_law(
     )
 
 
-def _added_effect(
-    machine: Machine, term: Term, content: Effect, model: Model, number: int, accepted: AcceptedTerm
-) -> dict[str, Any]:
+def _added_effect(machine: Machine, own: Effect, model: Model, number: int, accepted: AcceptedTerm) -> dict[str, Any]:
     """Build a catalogue effect that was added to the model, as term ``number``."""
-    names = [joint.name for joint in machine.joints]
+    joint = accepted.term.joint
     return {
-        **_head(content, None if term.joint is None else names[term.joint]),
-        "parameters": _term_parameters(term, model, model.term_slice(number), machine),
+        **_head(own, None if joint is None else machine.joints[joint].name),
+        "parameters": _term_parameters(accepted.term, model, model.term_slice(number), machine),
         "amplitude": _amplitude(model, number),
         "indistinguishable_from": list(accepted.rivals),
         "probability": accepted.probability,
