@@ -155,7 +155,8 @@ class EffortRows:
     def _prior_rows(self, prior: Prior) -> FloatArray:
         """Return prior rows ``[A b]`` (R, p + 1) of unit noise."""
         parameters = self._design.parameters
-        known = np.column_stack(rows_of_prior(parameters, prior.without_delays(), self.columns))
+        without = replace(prior, delay=None, delay_std=None)
+        known = np.column_stack(rows_of_prior(parameters, without, self.columns))
         expected = () if self._extra is None else self._extra.expected_rows(len(parameters))
         return np.vstack([known, *(np.column_stack([own.A, own.b]) for own in expected)])
 

@@ -256,10 +256,6 @@ class ArmModel:
         kept = [term.label for number, term in enumerate(self.terms) if number not in lost]
         return next((own for own in self.rests if [term.label for term in own.terms] == kept), None)
 
-    def recording_number(self, sha256: str) -> int:
-        """Return the number of the recording with this hash; :data:`FOREIGN` for another."""
-        return next((n for n, source in enumerate(self.provenance.data) if source.sha256 == sha256), FOREIGN)
-
 
 def over_time(term: Term) -> bool:
     """Return whether a term depends on the motion before (or its sampling): a history, a derivative."""

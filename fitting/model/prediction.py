@@ -19,7 +19,7 @@ from daq.recordings.recording import Recording, read_recording
 from daq.recordings.recording_files import write_table
 from fitting.arm.joint_side import at_joints
 from fitting.arrays import BoolArray, FloatArray
-from fitting.model.arm_model import ArmModel, phase_unknown
+from fitting.model.arm_model import FOREIGN, ArmModel, phase_unknown
 from fitting.model.evaluation import Evaluated, beyond, evaluate, narrow, without
 from fitting.regression.design import effort_errors
 from fitting.regression.error_sizes import measured_efforts, sizes
@@ -102,7 +102,7 @@ def on_recording(
     RecordingError
         If it has no stretch that is long enough.
     """
-    number = model.recording_number(recording.sha256)
+    number = next((n for n, own in enumerate(model.provenance.data) if own.sha256 == recording.sha256), FOREIGN)
     lost = [n for n, term in enumerate(model.terms) if phase_unknown(term, number)]
     lines = [
         f"{model.terms[n].id}: its phase is known only in the recordings that the model was identified from"

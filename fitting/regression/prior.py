@@ -72,10 +72,6 @@ class Prior:
         """Return the same without delays: of replicas, whose efforts and positions match."""
         return self if self.delay is None else replace(self, delay=0.0 * self.delay)
 
-    def without_delays(self) -> Prior:
-        """Return the same with delays unknown."""
-        return self if self.delay is None else replace(self, delay=None, delay_std=None)
-
     def settled(self, A: FloatArray, b: FloatArray) -> Prior:
         """Return the prior at the point of these unit-noise rows (all other priors among them) and the arm."""
         if self.arm is None or self.refused:

@@ -207,12 +207,10 @@ def _plain(value: Any, language: Language = ENGLISH) -> str:
 
 def _drawn(report: Mapping[str, Any], figures: Figures, language: Language) -> dict[str, Any]:
     """Draw the figures as SVG; Markup is given our own drawing only, its texts escaped."""
-    errors = report["errors"]
-
     overview = []
-    for joint, entry in errors.items():
-        before = text.ratio(wording.validate(entry["before"]), entry.get("noise_floor"))
-        after = text.ratio(wording.validate(entry["after"]), entry.get("noise_floor"))
+    for joint, entry in report["errors"].items():
+        floor = entry.get("noise_floor")
+        before, after = (text.ratio(wording.validate(entry[state]), floor) for state in ("before", "after"))
         if before is not None and after is not None:
             overview.append((joint, before, after))
     return {

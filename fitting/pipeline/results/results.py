@@ -261,14 +261,11 @@ def _warnings(session: Session, results: StageResults) -> list[str]:
     if not session.plain.validate:
         warnings.append(Sentence("fitting.no_validation_motion_errors"))
     cylinders = results[Cylinders].cylinders
-    still = [c.joint for c in cylinders if c.rows == 0]
-    if still:
+    if still := [c.joint for c in cylinders if c.rows == 0]:
         warnings.append(Sentence("fitting.never_moved_nothing_known", joints=still))
-    refused = [c.joint for c in cylinders if c.refused]
-    if refused:
+    if refused := [c.joint for c in cylinders if c.refused]:
         warnings.append(Sentence("fitting.stage_arm_attached_refused", joints=refused))
-    in_situ = [c.joint for c in cylinders if c.in_situ and c.rows > 0 and not c.refused]
-    warnings += _in_situ_warnings(session, in_situ)
+    warnings += _in_situ_warnings(session, [c.joint for c in cylinders if c.in_situ and c.rows > 0 and not c.refused])
     parameters = session.plain.design.parameters
     undetermined = [n for n, own in zip(parameters.names, results[Refitted].after.determined, strict=False) if not own]
     if undetermined:
