@@ -145,11 +145,11 @@ class DriveView:
     @cached_property
     def s(self) -> FloatArray:
         """Expected sign of the speed, given its noise."""
-        return expected_sign(self.v, self.noise[self.joint].speed)
+        return expected_sign(self.v, self.noise[self.joint].sign)
 
     def power(self, exponent: float) -> FloatArray:
         """Compute expected ``|v|^exponent sgn(v)``, given the speed's noise."""
-        return expected_power(self.v, self.noise[self.joint].speed, exponent)
+        return expected_power(self.v, self.noise[self.joint].sign, exponent)
 
     @property
     def force(self) -> FloatArray:
@@ -225,7 +225,7 @@ class DriveView:
             for k, step in enumerate((1e-6, 1e-6, 1.0)):
                 motion = [values.copy() for values in (self.segment.q, self.segment.qd, self.segment.qdd)]
                 motion[k][:, self.joint] += step
-                speeds = [own.speed for own in self.noise]
+                speeds = [own.sign for own in self.noise]
                 there = base_regressor(self.machine, self.base, *motion, speed_noise=speeds) @ self.base_values
                 slopes.append((there / self.segment.r - self.loads) / step)
             self.cache["body_slopes"] = np.array(slopes)

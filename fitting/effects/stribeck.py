@@ -28,7 +28,7 @@ class Stribeck(Effect):
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994"
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
-        low = max(4 * view.noise[view.joint].speed, 0.02 * view.range.v)
+        low = max(4 * view.noise[view.joint].sign, 0.02 * view.range.v)
         speeds = geometric(low, max(0.5 * view.range.v, 1.5 * low), 7)
         return [{"v_s": speed, "delta": delta} for speed in speeds for delta in (1.0, 2.0)]
 

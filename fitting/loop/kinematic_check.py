@@ -320,7 +320,7 @@ def _log_odds_of_moving(model: Model, score: GapScore) -> float:
     theta = model.fit.theta[design.parameters.drive_slice(joint)]
 
     def effort(x: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
-        columns = drive_columns(design.parameters.drive[joint], x, v, a, design.noise[joint].speed)
+        columns = drive_columns(design.parameters.drive[joint], x, v, a, design.noise[joint].sign)
         return np.asarray(columns @ theta + known_effort(design.machine.joints[joint], v, a))
 
     for index in model.fitted:

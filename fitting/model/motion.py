@@ -321,7 +321,7 @@ def integrable(model: ArmModel, friction_speed: float = 0.0) -> ArmModel:
     Never over less than 1e-4 of the largest speed that was recorded.
     """
     least = [max(friction_speed, _LEAST_WIDTH * own.v) for own in model.passes[-1].ranges]
-    noise = tuple(replace(own, speed=max(own.speed, width)) for own, width in zip(model.noise, least, strict=True))
+    noise = tuple(replace(own, turning=max(own.sign, width)) for own, width in zip(model.noise, least, strict=True))
     return replace(model, noise=noise)
 
 

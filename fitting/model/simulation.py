@@ -130,7 +130,7 @@ def simulate(
         qd=speeds,
         qdd=np.array([plant.acceleration(*row, oil) for row in zip(times, positions, speeds, efforts, strict=True)]),
         effort=efforts,
-        friction_speed=np.array([own.speed for own in plant.model.noise]),
+        friction_speed=np.array([own.sign for own in plant.model.noise]),
         left_out=plant.left_out,
     )
 

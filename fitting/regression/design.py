@@ -228,7 +228,7 @@ def _blocks(
     """Build the blocks of all joints in one segment."""
     body = None
     if segment.loaded:
-        speeds = np.array([own.speed for own in noise])
+        speeds = np.array([own.sign for own in noise])
         body = base_regressor(machine, parameters.base, segment.q, segment.qd, segment.qdd, speed_noise=speeds)
         body /= segment.r[:, :, None]
     blocks = []
@@ -254,7 +254,7 @@ def _drive_columns(parameters: Parameters, noise: Sequence[PositionNoise], segme
     """Compute columns (N, k) of a joint's drive parameters in one segment."""
     x, v, a = segment.x[:, joint], segment.v[:, joint], segment.a[:, joint]
     late = segment.late[joint] if segment.late else 0.0
-    return drive_columns(parameters.drive[joint], x, v, a, noise[joint].speed, late)
+    return drive_columns(parameters.drive[joint], x, v, a, noise[joint].sign, late)
 
 
 def moving_rows(bank: FilterBank, rest: BoolArray) -> BoolArray:

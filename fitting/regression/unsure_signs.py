@@ -39,7 +39,7 @@ _LATE = (1, 2, 4, 8, 16)  # samples by which friction may turn late
 def unsure_speeds(
     design: Design, noise: NoiseModel, fitted: Sequence[int], sensors: Sequence[PositionNoise], joints: Iterable[int]
 ) -> tuple[PositionNoise, ...]:
-    """Find the deviations of the speeds of some joints; the others have the design's.
+    """Find how far speeds of some joints are off where they turn; the others have the design's.
 
     Parameters
     ----------
@@ -49,16 +49,16 @@ def unsure_speeds(
     result = list(design.noise)
     fitted = spread(fitted) if design.stored else fitted
     for joint in joints:
-        rows = _OwnRows(design, noise, fitted, joint)
-        least = first = rows.unlikely(sensors[joint].speed)
+        rows, own = _OwnRows(design, noise, fitted, joint), sensors[joint]
+        least = first = rows.unlikely(own.speed)
         width = WIDTHS[0]
         for wider in WIDTHS[1:]:
-            now = rows.unlikely(wider * sensors[joint].speed)
+            now = rows.unlikely(wider * own.speed)
             if now > least + _WORSE:
                 break
             if now < least:
                 least, width = now, wider
-        result[joint] = replace(sensors[joint], speed=(width if least < first - CLEAR else 1.0) * sensors[joint].speed)
+        result[joint] = replace(own, turning=width * own.speed) if least < first - CLEAR else own
     return tuple(result)
 
 
@@ -93,12 +93,13 @@ class _OwnRows:
     def unlikely(self, speed: float) -> float:
         """Compute twice the negative log likelihood of the best fit with this deviation of the speed."""
         sign = expected_sign(self._motion("v"), speed)
-        late = [np.concatenate([np.full(k, sign[0]), sign[:-k]]) for k in _LATE]
+        late = [sign[np.maximum(np.arange(len(sign)) - k, 0)] for k in _LATE]
         drive = np.vstack([self._drive(own, speed) for _, own in self._segments])[:, self._turning]
         A = self._beside(self._rows(np.column_stack([drive, *late, self._splines * sign[:, None]])))
         rows = np.hstack([_sized(A), self._target])
         scatter = map(_at_nearest, self._turns, np.split(1.0 - sign**2, self._ends))
         sized = self._of_pulses * self._friction * np.sqrt(np.concatenate(list(scatter)))
+        # The rows' covariance is I + S S', S the pulses in their sizes: Woodbury's identity for what its inverse makes.
         root = np.linalg.cholesky(np.eye(sized.shape[1]) + sized.T @ sized)
         taken = scipy.linalg.solve_triangular(root, sized.T @ rows, lower=True)
         products = rows.T @ rows - taken.T @ taken

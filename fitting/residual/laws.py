@@ -225,7 +225,7 @@ def _last_reversal(view: DriveView) -> npt.NDArray[np.intp]:
 
     A change counts once the speed is above its noise; it was where the speed last had the sign before.
     """
-    forward, sure = view.v > 0, np.flatnonzero(np.abs(view.v) > _SURE * view.noise[view.joint].speed)
+    forward, sure = view.v > 0, np.flatnonzero(np.abs(view.v) > _SURE * view.noise[view.joint].sign)
     since = np.zeros(len(forward), dtype=int)
     for number in np.flatnonzero(np.diff(forward[sure])).tolist():
         before, after = int(sure[number]), int(sure[number + 1])

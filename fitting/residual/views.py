@@ -246,7 +246,7 @@ def _rod_law(
     knots = tuple(spline_knots(column, 6) for column in together.T)
     step = max(1, len(together) // 4000)  # a few thousand samples fix thirty coefficients
     measured = np.concatenate([segment.p2[::thin, joint] for segment in segments])
-    noise = design.noise[joint].speed
+    noise = design.noise[joint].sign
     table = RodLaw.basis(knots, together[::step], noise)
     scale = np.maximum(np.abs(table).max(axis=0), 1e-12)
     coefficients = np.linalg.lstsq(table / scale, measured[::step], rcond=1e-8)[0] / scale

@@ -57,11 +57,18 @@ class PositionNoise:
     position : std of the position that ``x`` and ``v`` come from, in the piston's (or joint's) unit
     speed : std of the smoothed speed ``v``
     acceleration : std of the smoothed acceleration ``a``
+    turning : deviation of ``v`` where its sign turns, if more: of motion that the filter takes
     """
 
     position: float
     speed: float
     acceleration: float
+    turning: float = 0.0
+
+    @property
+    def sign(self) -> float:
+        """Deviation of the speed that expectations of its sign have."""
+        return max(self.speed, self.turning)
 
 
 @dataclass(frozen=True)

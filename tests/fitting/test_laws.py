@@ -72,7 +72,7 @@ def test_time_since_reversal_is_the_time_since_a_sine_was_zero(
     t = np.arange(2000) / RATE
     v = np.sin(2 * np.pi * frequency * t + phase) + noise * np.random.default_rng(seed).standard_normal(len(t))
     view = SimpleNamespace(
-        v=v, joint=0, noise=[SimpleNamespace(speed=max(noise, 1e-6))], bank=SimpleNamespace(rate_hz=RATE)
+        v=v, joint=0, noise=[SimpleNamespace(sign=max(noise, 1e-6))], bank=SimpleNamespace(rate_hz=RATE)
     )
     found = OWN["time_since_reversal"][1](cast(DriveView, view))
     half = 0.5 / frequency

@@ -84,7 +84,7 @@ def model_with(terms: Sequence[Term], session: Session, size: float = 100.0) -> 
 def true_model(machine: Machine, arm: Truth, session: Session) -> ArmModel:
     """A model without effects that has the true parameters, friction with exact signs."""
     model = hand_over(session, (), fitted(session, ()), report_of(session))
-    exact = tuple(replace(own, speed=0.0) for own in model.noise)
+    exact = tuple(replace(own, speed=0.0, turning=0.0) for own in model.noise)
     return replace(model, noise=exact, passes=(replace(model.passes[-1], theta=arm.theta(machine)),))
 
 

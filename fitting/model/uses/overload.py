@@ -124,7 +124,7 @@ def scores_in(found: Evaluated, index: int) -> Scores:
     error = segment.effort - found.drive_effort(index)
     band = np.hypot(found.parameter_std(index), model.residual_std)
     for joint in range(error.shape[1]):
-        known = expected_sign(segment.v[:, joint], model.noise[joint].speed)
+        known = expected_sign(segment.v[:, joint], model.noise[joint].sign)
         most = abs(model.drive_values(joint).get("f_c", 0.0))  # Coulomb friction, N or N m
         rest = segment.rest[:, joint]
         held = error[:, joint] + most * known  # with the friction that the sign of speed stands for

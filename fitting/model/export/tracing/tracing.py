@@ -57,7 +57,7 @@ class _MachineNodes:
         tau = newton_euler(self.graph, self.geometry, standard[: 10 * n].reshape(n, 10), state, g)
         if gravity is not None or not self.geometry.coupled:
             return tau
-        noise = np.array([own.speed for own in self.model.noise])
+        noise = np.array([own.sign for own in self.model.noise])
         qd, qdd = (traced([[self.graph.of(value) for value in own]]) for own in (state.qd, state.qdd))
         motors = coupled_regressor(self.geometry, qd, qdd, speed_noise=noise)[0] @ standard[10 * n :]
         return tuple(self.graph.of(own + more) for own, more in zip(tau, motors, strict=True))
@@ -65,7 +65,7 @@ class _MachineNodes:
     def drive(self, joint: int, theta: FloatArray, segment: Segment) -> Value:
         """Compute the effort of the drive's own mass, stiffness and friction, and known part."""
         own, x, v, a = self.model.parameters, *(rows[:, joint] for rows in (segment.x, segment.v, segment.a))
-        columns = drive_columns(own.drive[joint], x, v, a, self.model.noise[joint].speed)
+        columns = drive_columns(own.drive[joint], x, v, a, self.model.noise[joint].sign)
         return (columns @ theta[own.drive_slice(joint)] + known_effort(self._arm.joints[joint], v, a))[0]
 
     def rod(self, law: RodLaw, segment: Segment, joint: int, force: Value) -> Node:
