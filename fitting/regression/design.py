@@ -200,7 +200,7 @@ def with_efforts(design: Design, segments: Sequence[Segment], joints: Collection
     for joint in joints:
         width, own = len(design.parameters.drive[joint]), []
         for segment, before in zip(segments, design.blocks[joint], strict=True):
-            drive = _drive_columns(design.parameters, design.noise, segment, joint)
+            drive = drive_columns_of(design.parameters, segment, joint, design.noise[joint].sign)
             target = segment.effort[:, joint] - before.known
             both = bank.reduce(np.column_stack([target, drive]))
             columns = np.hstack([drive, before.own[:, width:]])
@@ -234,7 +234,8 @@ def _blocks(
     blocks = []
     for number, joint in enumerate(machine.joints):
         drive = parameters.drive_slice(number)
-        used, columns = np.arange(drive.start, drive.stop), _drive_columns(parameters, noise, segment, number)
+        used = np.arange(drive.start, drive.stop)
+        columns = drive_columns_of(parameters, segment, number, noise[number].sign)
         if body is not None:
             carried = np.flatnonzero(np.any(body[:, number] != 0, axis=0))
             used = np.append(used, parameters.base_slice.start + carried)
@@ -250,11 +251,11 @@ def _blocks(
     return blocks
 
 
-def _drive_columns(parameters: Parameters, noise: Sequence[PositionNoise], segment: Segment, joint: int) -> FloatArray:
-    """Compute columns (N, k) of a joint's drive parameters in one segment."""
+def drive_columns_of(parameters: Parameters, segment: Segment, joint: int, speed_noise: float) -> FloatArray:
+    """Compute columns (N, k) of a joint's drive parameters in one segment, signs expected under ``speed_noise``."""
     x, v, a = segment.x[:, joint], segment.v[:, joint], segment.a[:, joint]
     late = segment.late[joint] if segment.late else 0.0
-    return drive_columns(parameters.drive[joint], x, v, a, noise[joint].sign, late)
+    return drive_columns(parameters.drive[joint], x, v, a, speed_noise, late)
 
 
 def moving_rows(bank: FilterBank, rest: BoolArray) -> BoolArray:

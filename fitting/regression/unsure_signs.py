@@ -20,10 +20,10 @@ import scipy
 
 from fitting.arm.expected import expected_sign
 from fitting.arrays import FloatArray, IntArray
-from fitting.regression.design import Design, NoiseModel
-from fitting.regression.drive import JUMPING, drive_columns
+from fitting.regression.design import Design, NoiseModel, drive_columns_of, whitened_joint
+from fitting.regression.drive import JUMPING
 from fitting.regression.noise import spread
-from fitting.signals.preparation import PositionNoise, Segment
+from fitting.signals.preparation import PositionNoise
 from fitting.signals.splines import spline_basis
 
 #: Multiples of the sensors' noise that a speed may be off by.
@@ -67,22 +67,19 @@ class _OwnRows:
 
     def __init__(self, design: Design, noise: NoiseModel, fitted: Sequence[int], joint: int) -> None:
         self._design, self._noise, self._joint = design, noise, joint
-        self._names = design.parameters.drive[joint]
         self._segments = [(index, design.segments[index]) for index in fitted]
         self._ends = np.cumsum([len(own) for _, own in self._segments])[:-1]
-        self._turning = [place for place, name in enumerate(self._names) if name in JUMPING]
+        names, first = design.parameters.drive[joint], design.parameters.drive_slice(joint).start
+        self._turning = [place for place, name in enumerate(names) if name in JUMPING]
         self._splines = np.hstack([spline_basis(self._motion(of), _FUNCTIONS) for of in "xv"])
-        first = design.parameters.drive_slice(joint).start
-        steady = np.setdiff1d(np.arange(len(design.parameters)), [first + place for place in self._turning])
-        blocks = [design.blocks[joint][index] for index in fitted]
         slopes = np.concatenate([np.gradient(own.effort[:, joint]) for _, own in self._segments])
-        known = [np.column_stack([own.reduced_target, own.reduced[:, steady]]) for own in blocks]
-        rows = self._rows(np.column_stack([slopes, self._splines]), known)
-        self._basis = np.linalg.qr(_sized(rows[:, 1:]))[0]
-        self._target = self._beside(rows[:, :1])
-        whole = np.vstack([design.white(noise, joint, i, own.reduced) for i, own in zip(fitted, blocks, strict=True)])
-        place = first + self._names.index("f_c")
-        self._friction = max(0.0, float(np.linalg.lstsq(whole, rows[:, 0], rcond=1e-9)[0][place]))
+        own = whitened_joint(design, noise, joint, fitted)
+        steady = np.delete(own.A, [first + place for place in self._turning], axis=1)
+        free = self._rows(np.column_stack([slopes, self._splines]))
+        self._basis = np.linalg.qr(_sized(np.hstack([steady, free])))[0]
+        self._target = self._beside(own.b[:, None])
+        found = np.linalg.lstsq(own.A, own.b, rcond=1e-9)[0]
+        self._friction = max(0.0, float(found[first + names.index("f_c")]))
         self._turns = [np.flatnonzero(np.diff(np.sign(own.v[:, joint])) != 0) for _, own in self._segments]
         pulses = [
             self._pulses(index, turns, len(own))
@@ -94,8 +91,9 @@ class _OwnRows:
         """Compute twice the negative log likelihood of the best fit with this deviation of the speed."""
         sign = expected_sign(self._motion("v"), speed)
         late = [sign[np.maximum(np.arange(len(sign)) - k, 0)] for k in _LATE]
-        drive = np.vstack([self._drive(own, speed) for _, own in self._segments])[:, self._turning]
-        A = self._beside(self._rows(np.column_stack([drive, *late, self._splines * sign[:, None]])))
+        parameters, joint = self._design.parameters, self._joint
+        drive = np.vstack([drive_columns_of(parameters, own, joint, speed) for _, own in self._segments])
+        A = self._beside(self._rows(np.column_stack([drive[:, self._turning], *late, self._splines * sign[:, None]])))
         rows = np.hstack([_sized(A), self._target])
         scatter = map(_at_nearest, self._turns, np.split(1.0 - sign**2, self._ends))
         sized = self._of_pulses * self._friction * np.sqrt(np.concatenate(list(scatter)))
@@ -112,19 +110,13 @@ class _OwnRows:
         unit[turns, np.arange(len(turns))] = 1.0
         return self._design.white(self._noise, self._joint, index, self._design.bank.reduce(unit))
 
-    def _drive(self, own: Segment, speed: float) -> FloatArray:
-        x, v, a = (getattr(own, of)[:, self._joint] for of in "xva")
-        return drive_columns(self._names, x, v, a, speed, own.late[self._joint] if own.late else 0.0)
-
     def _motion(self, of: str) -> FloatArray:
         return np.concatenate([getattr(own, of)[:, self._joint] for _, own in self._segments])
 
-    def _rows(self, columns: FloatArray, known: Sequence[FloatArray] = ()) -> FloatArray:
-        """Reduce columns (N, k) of all segments and whiten them, after those ``known`` per segment."""
-        both = [self._design.bank.reduce(part) for part in np.split(columns, self._ends)]
-        if known:
-            both = [np.hstack(pair) for pair in zip(known, both, strict=True)]
-        whole = zip(self._segments, both, strict=True)
+    def _rows(self, columns: FloatArray) -> FloatArray:
+        """Reduce columns (N, k) of all segments and whiten them."""
+        reduced = [self._design.bank.reduce(part) for part in np.split(columns, self._ends)]
+        whole = zip(self._segments, reduced, strict=True)
         return np.vstack([self._design.white(self._noise, self._joint, index, rows) for (index, _), rows in whole])
 
     def _beside(self, rows: FloatArray) -> FloatArray:
