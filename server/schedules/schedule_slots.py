@@ -46,8 +46,9 @@ class Cron:
     ``1,15,28-31``              any of several
     ==========================  =============================================================================
 
-    Where both day fields are given (neither is ``*``), a day that fits either counts, as in crontab(5):
-    ``either_day``. There is nothing else: no seconds, no ``@daily``, nothing random, no last day, no n-th Monday.
+    Where both day fields are given (neither begins with ``*``), a day that fits either counts, otherwise one that fits
+    both, as in crontab(5): ``either_day``. There is nothing else: no seconds, no ``@daily``, nothing random, no last
+    day, no n-th Monday.
     """
 
     minutes: tuple[int, ...]
@@ -67,7 +68,7 @@ class Cron:
             days=frozenset(_field(day, 1, 31)),
             months=frozenset(_field(month, 1, 12, _MONTHS)),
             weekdays=frozenset(value % 7 for value in _field(weekday, 0, 7, _DAYS)),
-            either_day="*" not in (day, weekday),
+            either_day=not day.startswith("*") and not weekday.startswith("*"),
         )
 
     def after(self, start: datetime) -> Iterator[datetime]:
