@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,18 @@ import httpx2
 SCRIPT = Path(__file__).with_name("serve_lever.py")
 API = "/api/v1"
 _CODE = re.compile(r"pair the first admin with (\d{10})")
+
+
+def wait_until(page: Any, answer: Callable[[], Any], wanted: Any) -> None:
+    """Ask until the answer is the wanted one: what the page does after it drew comes later than what it drew.
+
+    It is asked from here: a function that the browser polls would be an "eval", which the page forbids.
+    """
+    for _ in range(300):
+        if answer() == wanted:
+            return
+        page.wait_for_timeout(100)
+    assert answer() == wanted
 
 
 class Site:

@@ -33,6 +33,7 @@ NEXT = {
 @pytest.mark.parametrize(("width", "height"), [(800, 1280), (390, 844)])
 def test_what_one_does_next_is_on_the_first_screen(page: Any, site: Site, width: int, height: int) -> None:
     page.set_viewport_size({"width": width, "height": height})
+    page.forgiven.append("status of 503")  # a bus check of a machine that has been acquired for less than 2 s
     for view, (role, name) in NEXT.items():
         page.goto(f"{site.url}/#/{view}")
         found = page.get_by_role(role, name=name).first

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from lever_site import Site
+from lever_site import Site, wait_until
 
 pytestmark = pytest.mark.slow
 VIEWS = (
@@ -129,8 +129,8 @@ def test_no_view_does_what_the_policy_refuses(browser: Any, site: Site) -> None:
         assert page.evaluate("globalThis.refused ?? []") == []
         # A style in markup is refused, and is seen here.
         page.evaluate("document.body.insertAdjacentHTML('beforeend', '<p style=\"color: red\">no</p>')")
-        page.wait_for_timeout(100)
-        assert [each.split()[0] for each in page.evaluate("globalThis.refused")] == ["style-src-attr"]
+        seen = "(globalThis.refused ?? []).map((each) => each.split(' ')[0])"
+        wait_until(page, lambda: page.evaluate(seen), ["style-src-attr"])
 
 
 def test_the_keyboard_is_enough(page: Any, site: Site) -> None:
@@ -139,7 +139,7 @@ def test_the_keyboard_is_enough(page: Any, site: Site) -> None:
     page.keyboard.press("Tab")
     assert page.evaluate("document.activeElement.textContent").strip() == "Skip to the content"
     page.keyboard.press("Enter")
-    assert page.evaluate("document.activeElement.id") == "content"
+    wait_until(page, lambda: page.evaluate("document.activeElement.id"), "content")
     for _ in range(60):  # the plots' controls, then motion, label and the button
         page.keyboard.press("Tab")
         assert page.evaluate("document.activeElement.matches(':focus-visible')")
@@ -154,7 +154,8 @@ def test_the_keyboard_is_enough(page: Any, site: Site) -> None:
     page.get_by_role("button", name="Start recording").wait_for()
     page.goto(f"{site.url}/#/jobs")
     page.get_by_role("heading", name="Jobs").wait_for()
-    assert page.evaluate("document.activeElement.id") == "content"  # who reads by ear is told of the new page
+    # Who reads by ear is told of the new page.
+    wait_until(page, lambda: page.evaluate("document.activeElement.id"), "content")
 
 
 def test_a_question_holds_the_focus_and_escape_says_no(page: Any, site: Site) -> None:
@@ -164,7 +165,8 @@ def test_a_question_holds_the_focus_and_escape_says_no(page: Any, site: Site) ->
     end.click()
     dialog = page.get_by_role("dialog", name="End this guide?")
     dialog.wait_for()
-    assert page.evaluate("document.querySelector('dialog').contains(document.activeElement)")
+    inside = "document.querySelector('dialog').contains(document.activeElement)"
+    wait_until(page, lambda: page.evaluate(inside), True)
     page.keyboard.press("Escape")
     dialog.wait_for(state="detached")
     page.locator(":focus", has_text="End this guide").wait_for()
@@ -179,10 +181,10 @@ def test_the_language_is_the_browsers_until_somebody_chooses_and_is_kept(browser
     page = context.new_page()
     page.goto(f"{site.url}/#/alarms")
     page.get_by_role("heading", name="Alarme").wait_for()
-    assert page.evaluate("document.documentElement.lang") == "de"
+    wait_until(page, lambda: page.evaluate("document.documentElement.lang"), "de")
     page.get_by_label("Sprache").select_option("en")
     page.get_by_role("heading", name="Alarms").wait_for()
-    assert page.evaluate("document.documentElement.lang") == "en"
+    wait_until(page, lambda: page.evaluate("document.documentElement.lang"), "en")
     page.reload()
     page.get_by_role("heading", name="Alarms").wait_for()
     context.close()
@@ -201,10 +203,13 @@ def test_no_english_is_left_on_a_german_page(browser: Any, site: Site, view: str
     page = context.new_page()
     page.goto(f"{site.url}/#/{view}")
     page.locator(SAID[view]).first.wait_for()
-    page.wait_for_timeout(1000)  # the service's own sentences come after the table that has their German
-    page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
-    lines = page.evaluate("document.querySelector('main').innerText").splitlines()
-    # The log's own lines are for who looks after the service: they are English as in its file.
-    told = [line for line in lines if ENGLISH.search(line) and not re.match(r"\d\d:\d\d|.*=", line)]
-    assert told == []
+    page.wait_for_timeout(1000)  # what comes late comes
+
+    def english() -> list[str]:
+        page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
+        lines = page.evaluate("document.querySelector('main').innerText").splitlines()
+        # The log's own lines are for who looks after the service: they are English as in its file.
+        return [line for line in lines if ENGLISH.search(line) and not re.match(r"\d\d:\d\d|.*=", line)]
+
+    wait_until(page, english, [])  # the service's own sentences come before the table that has their German
     context.close()

@@ -6,7 +6,7 @@ import re
 from typing import Any
 
 import pytest
-from lever_site import Site
+from lever_site import Site, wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -30,9 +30,9 @@ def test_live_values_move_and_say_that_they_are_fresh(page: Any, site: Site) -> 
     region.get_by_text("fresh").wait_for()
     wait_until_it_moves(page, "Joint positions")
     assert -30 <= number(page, "Joint positions") <= 30
-    assert page.get_by_role("region", name="Forces and torques, measured").get_by_text("N m").first.is_visible()
-    assert page.locator(".strip canvas").count() == 2
-    assert page.title() == "Live – hilfit"
+    page.get_by_role("region", name="Forces and torques, measured").get_by_text("N m").first.wait_for()
+    wait_until(page, page.locator(".strip canvas").count, 2)
+    wait_until(page, page.title, "Live – hilfit")
 
 
 def test_a_recording_is_started_and_stopped(page: Any, site: Site) -> None:
@@ -62,7 +62,7 @@ def test_a_stale_sensor_is_shown_and_its_alarm_is_acknowledged_shelved_and_raise
         seen.get_by_text(re.compile("sensor is being changed")).wait_for()
         page.goto(f"{site.url}/#/live")
         page.get_by_role("heading", name="Live").wait_for()
-        assert page.locator(".alarm-banner").count() == 0
+        wait_until(page, page.locator(".alarm-banner").count, 0)
         page.goto(f"{site.url}/#/alarms")
         seen.get_by_role("button", name=re.compile("Let it be heard again")).click()
         waiting.get_by_role("button", name=re.compile("Acknowledge")).click()
@@ -138,7 +138,7 @@ def test_the_choice_of_colours_stays(page: Any, site: Site) -> None:
     page.get_by_role("button", name="Dark colours").click()
     page.reload()
     page.get_by_role("button", name="Light colours").wait_for()
-    assert page.evaluate("document.documentElement.dataset.theme") == "dark"
+    wait_until(page, lambda: page.evaluate("document.documentElement.dataset.theme"), "dark")
 
 
 def _wait_until_sealed(site: Site, id: str) -> None:

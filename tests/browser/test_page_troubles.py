@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from lever_site import Site
+from lever_site import Site, wait_until
 from service_fakes import MACHINE
 
 pytestmark = pytest.mark.slow
@@ -54,7 +54,7 @@ def test_the_page_recovers_by_itself_from_a_restart_and_sends_nothing_again(page
     own_site.kill()
     page.get_by_text(re.compile("No connection to the service")).wait_for()
     page.get_by_role("region", name=LIVE).get_by_text(re.compile("stale for")).wait_for()
-    assert page.get_by_role("button", name="Stop recording").is_disabled()
+    wait_until(page, page.get_by_role("button", name="Stop recording").is_disabled, True)
     own_site.start()
     live_again(page)
     page.get_by_text(re.compile("No connection to the service")).wait_for(state="detached")
@@ -135,13 +135,14 @@ def test_an_unknown_device_is_paired_by_the_address_of_the_code(browser: Any, tm
         page.get_by_label("Name of this device").fill("tablet of the tests")
         page.get_by_role("button", name="Pair").click()
         page.get_by_role("heading", name="Live").wait_for()
-        assert "pair" not in page.url
+        wait_until(page, lambda: "pair" in page.url, False)
         page.reload()  # the token stays on the device
         page.get_by_role("link", name=re.compile("Signed in as tablet of the tests, admin")).click()
         page.get_by_label("It may").select_option("viewer")
         page.get_by_role("button", name="Make a code").click()
         code = page.locator(".digits").inner_text().replace(" ", "")
-        assert page.get_by_role("img", name=re.compile("QR code")).evaluate("image => image.naturalWidth") > 50
+        drawn = page.get_by_role("img", name=re.compile("QR code"))
+        wait_until(page, lambda: drawn.evaluate("image => image.naturalWidth") > 50, True)
 
         other = browser.new_context()
         other.set_default_timeout(60_000)

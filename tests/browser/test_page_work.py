@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from lever_site import Site
+from lever_site import Site, wait_until
 from service_fakes import MACHINE, recording_bytes
 
 pytestmark = pytest.mark.slow
@@ -42,8 +42,8 @@ def test_a_result_is_read_proposed_approved_used_compared_and_rolled_back(
         id = identified(page, site, tmp_path, label)
         page.goto(f"{site.url}/#/results/{id}")
         page.get_by_text(re.compile("^The model lacked friction that depends on the piston position")).wait_for()
-        assert page.get_by_role("img", name=re.compile("^joint2: before 5.30, after 1.86")).first.is_visible()
-        assert page.locator(".plot canvas").count() == 4  # before, after, and the friction of two cylinders
+        page.get_by_role("img", name=re.compile("^joint2: before 5.30, after 1.86")).first.wait_for()
+        wait_until(page, page.locator(".plot canvas").count, 4)  # before, after, and the friction of two cylinders
         page.get_by_text(re.compile("rejected, with reasons")).click()
         page.get_by_role("region", name="Rejected causes, with reasons").wait_for()
         page.get_by_role("button", name="Propose as calibration").click()
@@ -81,16 +81,17 @@ def test_a_machine_file_that_changed_meanwhile_is_not_overwritten(page: Any, sit
     editor.fill(text.replace("a: 1.0", "a: far"))
     page.get_by_role("button", name="Check").click()
     page.get_by_text("Line 8:").wait_for()
-    assert page.evaluate("getSelection().toString()").strip().startswith("dh: {a: far")
+    selected = "getSelection().toString().trim().startsWith('dh: {a: far')"
+    wait_until(page, lambda: page.evaluate(selected), True)
     mine, theirs = text.replace("velocity: 1.0", "velocity: 1.5"), text + "# theirs\n"
     editor.fill(mine)
     page.reload()
-    assert editor.input_value() == mine
+    wait_until(page, editor.input_value, mine)
     site.ask("POST", "/machines", content=theirs)
     page.get_by_text("Somebody saved version 2 while you were changing version 1").wait_for()
     between = page.get_by_role("region", name="Version 2 against yours")
-    assert "# theirs" in between.inner_text()
-    assert editor.input_value() == mine
+    between.get_by_text("# theirs").wait_for()
+    wait_until(page, editor.input_value, mine)
     editor.fill(mine + "# theirs\n")
     page.get_by_role("button", name="Save mine over version 2").click()
     page.get_by_text("Saved as version 3.").wait_for()
@@ -150,7 +151,7 @@ def test_recordings_are_uploaded_refused_identified_from_and_deleted(page: Any, 
     page.get_by_role("button", name="Delete it").click()
     page.get_by_role("button", name="View too many.csv").wait_for(state="detached")
     page.get_by_label("Use by hand.csv for an identification").check()
-    assert page.get_by_role("button", name="Identify").is_disabled()
+    wait_until(page, page.get_by_role("button", name="Identify").is_disabled, True)
     page.get_by_label("Use to judge by.csv for an identification").check()
     page.get_by_label("Use to judge by.csv as").select_option("validate")
     page.get_by_role("button", name="Identify").click()
