@@ -34,11 +34,12 @@ help: ## this list
 demo: $(VENV)/.use ## the whole job on a simulated machine, about two minutes; everything goes to hilfit-demo/
 	$(BIN)/hilfit demo
 
-test: $(VENV)/.dev ## every test and, beside them, the checks; the slowest twenty are listed at the end
+test: $(VENV)/.dev ## every test and, beside them, the checks; what failed is listed at the end
 	$(BIN)/ruff check .
 	@$(MAKE) --no-print-directory check > $(VENV)/check.log 2>&1 & checking=$$!; \
 	$(PYTEST) -n $(or $(JOBS),3) --durations 20; tested=$$?; \
-	wait $$checking; checked=$$?; cat $(VENV)/check.log; exit $$((tested | checked))
+	wait $$checking; checked=$$?; \
+	if [ $$checked = 0 ]; then echo 'checks: passed ($(VENV)/check.log)'; else cat $(VENV)/check.log; fi; exit $$((tested | checked))
 
 test-quick: $(VENV)/.dev ## the tests that are not marked slow; says at the end which those are
 	$(PYTEST) -n $(or $(JOBS),2) -m "not slow" --durations 5 -p no:schemathesis

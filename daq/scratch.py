@@ -142,3 +142,11 @@ class ScratchArrays(_Kept[int | None]):
 
     def __init__(self) -> None:
         super().__init__(Scratch())
+
+    def rows(self, key: int | None, rows: slice) -> npt.NDArray[Any]:
+        """Copy some rows of an array."""
+        return self.scratch.read(self._places[key], rows)
+
+    def put_rows(self, key: int | None, start: int, values: npt.NDArray[Any]) -> None:
+        """Put rows in the place of those from ``start`` on."""
+        self.scratch.write(self._places[key], values, start)

@@ -1,4 +1,4 @@
-"""Types of arrays, one name for each that functions here take and give, and arrays that are there when asked for."""
+"""Types of arrays, one name for each, arrays that are there when asked for, and the sizes of columns."""
 
 from __future__ import annotations
 
@@ -34,3 +34,14 @@ class LateSequence(Sequence[_Item]):
     def __getitem__(self, place: int | slice) -> _Item | Sequence[_Item]:
         places = self._places[place]
         return self._item(places) if isinstance(places, int) else [self._item(each) for each in places]
+
+
+def unit_gram(gram: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Scale Gram matrices (.., k, k) to columns of unit size; return their sizes (.., k) as well.
+
+    A column that the base takes whole leaves rounding, of either sign, and beside others more than it has itself: where
+    its square is none it is nothing, and its size is infinite.
+    """
+    squares = np.einsum("...aa->...a", gram)
+    size = np.where(squares > 0.0, np.sqrt(np.abs(squares)), np.inf)
+    return gram / size[..., :, None] / size[..., None, :], size

@@ -26,6 +26,10 @@ class Machine:
     def load(cls, path: str | Path) -> Machine:
         """Read a machine file.
 
+        Parameters
+        ----------
+        path : of the YAML file
+
         Raises
         ------
         InputError

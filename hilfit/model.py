@@ -28,13 +28,16 @@ Asked = ParamSpec("Asked")
 
 
 def _with_sections_of(described: Callable[..., Any]) -> Callable[[Function], Function]:
-    """Copy the sections of a docstring (parameters, errors) from the function behind."""
+    """Add the sections of a docstring (parameters, errors) of the function behind to its own."""
 
     def add(function: Function) -> Function:
         text = inspect.getdoc(described) or ""
         section = re.search(r"^(Parameters|Raises)\n-+$", text, re.MULTILINE)
-        own = inspect.getdoc(function) or ""
-        function.__doc__ = own if section is None else f"{own}\n\n{text[section.start() :]}"
+        own, head = inspect.getdoc(function) or "", "Parameters\n----------\n"
+        if section is not None:
+            rest = text[section.start() :]
+            own = f"{own}\n{rest.removeprefix(head)}" if head in own else f"{own}\n\n{rest}"
+        function.__doc__ = own
         return function
 
     return add
@@ -67,7 +70,11 @@ class Model:
 
     @classmethod
     def load(cls, path: str | Path) -> Model:
-        """Read ``model.json``, or that in a report's folder.
+        """Read a model.
+
+        Parameters
+        ----------
+        path : of ``model.json``, or a report's folder with one
 
         Raises
         ------
@@ -77,7 +84,12 @@ class Model:
         return cls(load_model(path))
 
     def save(self, path: str | Path) -> Path:
-        """Write ``model.json``, whole or not at all."""
+        """Write the model as JSON, whole or not at all; errors as of :meth:`load`.
+
+        Parameters
+        ----------
+        path : of the file
+        """
         return save_model(path, self.content)
 
     def __repr__(self) -> str:
@@ -145,8 +157,10 @@ class Model:
     ) -> FloatArray | tuple[FloatArray, FloatArray]:
         """Compute joint efforts (N, n) that a motion takes.
 
-        With ``return_std`` the standard deviation of a measured effort as well: what parameters and what the fit left
-        of its recordings make together.
+        Parameters
+        ----------
+        return_std : the standard deviation (N, n) of a measured effort as well: what parameters and what the fit left
+            of its recordings make together
         """
         found = motion.on_motion(self.content, q, qd, qdd, t, temperature=temperature, external=external)
         return (found.joint_effort(0), found.joint_std(0)) if return_std else found.joint_effort(0)
@@ -165,8 +179,10 @@ class Model:
     ) -> tuple[FloatArray, FloatArray]:
         """Compute head and rod pressures (N, n) of a motion, Pa; NaN of a joint without a cylinder.
 
-        ``rod`` is the rod pressure that the machine keeps, (N, n), (n,) or one, Pa; the one that the recordings show at
-        such a motion and force if None (NaN where it was not measured).
+        Parameters
+        ----------
+        rod : rod pressure that the machine keeps, (N, n), (n,) or one, Pa; the one that the recordings show at such a
+            motion and force if None (NaN where it was not measured)
         """
         found = motion.on_motion(self.content, q, qd, qdd, t, temperature=temperature, external=external)
         return motion.pressures_of(found, rod)
@@ -177,7 +193,12 @@ class Model:
     forward = _of_content(motion.forward)
 
     def predict(self, recording: Recording | str | Path) -> Predicted:
-        """Predict efforts in a recording beside the measured ones, with their 95 % band."""
+        """Predict efforts in a recording beside the measured ones, with their 95 % band.
+
+        Parameters
+        ----------
+        recording : or its file; of the model's machine
+        """
         if isinstance(recording, Recording):
             own = recording.of(self.content.machine)
         else:
@@ -185,7 +206,14 @@ class Model:
         return predict(self.content, own)
 
     def export(self, to: str, path: str | Path, *, possible: bool = False) -> tuple[str, ...]:
-        """Write the model for another program (``hilfit model export``); a line for each part that is not in it."""
+        """Write the model for another program (``hilfit model export``); a line for each part that is not in it.
+
+        Parameters
+        ----------
+        to : format, as ``hilfit model export --to`` lists them
+        path : of the file, or the folder of a format with several
+        possible : write the nearest model whose drives have no inertia below zero
+        """
         return export_model(self.content, to, Path(path), possible=possible).left_out
 
 

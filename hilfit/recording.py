@@ -45,6 +45,12 @@ class Recording:
     def load(cls, path: str | Path, machine: Machine, role: str = "operation") -> Recording:
         """Read a recording: Parquet, CSV, MDF4, MAT or a ROS 2 bag.
 
+        Parameters
+        ----------
+        path : of the file, or of a bag's folder
+        machine : whose channels it has to hold
+        role : what it was made for (``train``, ``validate``, ..): some checks are of one role alone
+
         Raises
         ------
         InputError
@@ -84,7 +90,12 @@ class Recording:
     def from_pandas(cls, frame: Any, *, units: Mapping[str, str] | None = None) -> Recording:
         """Make a recording of a pandas table: one column per channel, ``time`` in a column of that name or the index.
 
-        Times are seconds, or moments (made relative to the first). ``units`` and errors as :meth:`from_arrays`.
+        Times are seconds, or moments (made relative to the first). Errors as of :meth:`from_arrays`.
+
+        Parameters
+        ----------
+        frame : table, SI; NaN where nothing was measured
+        units : units of the channels that are not SI
         """
         moments = frame["time"] if "time" in frame.columns else frame.index.to_series()
         if moments.dtype.kind in "mM":
@@ -93,14 +104,25 @@ class Recording:
         return cls.from_arrays(moments.to_numpy(), columns, units=units)
 
     def of(self, machine: MachineFile, role: str = "operation") -> RecordingFile:
-        """Read what it holds, checked against a machine (errors as :meth:`load`)."""
+        """Read what it holds, checked against a machine; errors as of :meth:`load`.
+
+        Parameters
+        ----------
+        machine, role : as of :meth:`load`, the machine as its file says
+        """
         if self.content is not None:
             return self.content
         with TemporaryDirectory(prefix="hilfit-") as folder:
             return read_recording(self.file(machine, Path(folder) / "arrays.parquet"), machine, role)
 
     def file(self, machine: MachineFile, place: Path) -> Path:
-        """Return its file; of arrays one that is written to ``place``."""
+        """Return its file; of arrays one that is written.
+
+        Parameters
+        ----------
+        machine : what its file says; gives the units of arrays
+        place : where arrays are written to, as Parquet
+        """
         if self.path is not None:
             return self.path
         columns: dict[str, npt.NDArray[np.generic]] = {"time": self.time}

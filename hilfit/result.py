@@ -35,9 +35,13 @@ class Result:
     model: Model
 
     def plot(self, joints: Sequence[str] | None = None) -> Figure:
-        """Plot measured and predicted efforts over the held-out motion, and their difference; all joints if None.
+        """Plot measured and predicted efforts over the held-out motion, and their difference.
 
         Returns the figure of matplotlib; nothing is shown or saved.
+
+        Parameters
+        ----------
+        joints : names of those that are drawn; all if None
         """
         return plot_result(self.report, joints)
 

@@ -35,9 +35,13 @@ class ValveResult:
     models: Mapping[str, ValveModel]
 
     def plot(self, joints: Sequence[str] | None = None) -> Figure:
-        """Plot speed over command, and measured beside predicted speed on the judged motion; all axes if None.
+        """Plot speed over command, and measured beside predicted speed on the judged motion.
 
         Returns the figure of matplotlib; nothing is shown or saved.
+
+        Parameters
+        ----------
+        joints : names of the axes that are drawn; all if None
         """
         return plot_valves(self.report, joints)
 

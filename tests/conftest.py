@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
+from hypothesis.internal.conjecture import providers
 
 # One BLAS thread per process, before numpy is loaded: tests run side by side on two cores.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -25,7 +26,10 @@ import can  # noqa: E402, F401
 
 del sys.modules["asammdf"]
 
-# The same examples in every run, and none fails because the computer was busy.
+# The same examples in every run, and none fails because the computer was busy. Hypothesis mixes constants of the
+# modules that happen to be loaded into them, which are others in each worker and on each computer: none of those.
+assert not providers._local_constants and callable(providers._get_local_constants)
+providers._get_local_constants = lambda: providers._local_constants
 settings.register_profile(
     "hilfit", derandomize=True, database=None, deadline=None, suppress_health_check=[HealthCheck.too_slow]
 )

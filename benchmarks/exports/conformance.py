@@ -29,6 +29,7 @@ from fitting.model.evaluation import beyond
 from fitting.model.export import export_model
 from fitting.model.export.functions import identifier, program_of, states, swing
 from fitting.model.export.tracing.tracing import tracer_of
+from fitting.model.export.words import Written
 from fitting.model.handover import hand_over
 from fitting.model.simulation import simulate
 from fitting.residual.terms import Term
@@ -76,6 +77,7 @@ class Conformance:
     oil : temperature of the oil, K
     arguments : of every function of the exports, in their order
     right : what the model answers: the functions of one moment with histories settled; ``walk.*`` in the motion
+    gone : what the format last written says to leave out, by the name of each
     """
 
     def __init__(self, model: ArmModel, folder: Path, oil: float | None = None) -> None:
@@ -97,6 +99,13 @@ class Conformance:
             walked = self._of(carried, self.moved, ("tau", "force", "head", "rod"))
             self.right |= {f"walk.{what}": own for what, own in walked.items()}
         self.name, self.joints = identifier(model.machine.name), q.shape[1]
+        self.gone: set[str] = set()
+
+    def exported(self, to: str, path: Path) -> Written:
+        """Export the model, and note what is left out."""
+        done = export_model(self.model, to, path)
+        self.gone = {line.partition(":")[0] for line in done.left_out}
+        return done
 
     def differences(self, to: str) -> dict[str, float]:
         """Compute for each answer in a format the largest difference, as a share of the model's largest."""
@@ -127,6 +136,8 @@ class Conformance:
         """Pair answers with what is right; an answer to inputs of its own brings that along."""
         pairs = {what: (own, answers.get(f"right.{what}", self.right.get(what))) for what, own in answers.items()}
         found = {what: (own, right) for what, (own, right) in pairs.items() if right is not None}
+        if both := self.gone & found.keys():
+            raise AssertionError(f"the export has {', '.join(sorted(both))}, and says that it is left out")
         missing = [what for what in self.right if what not in found]
         if missing and not any(what.startswith("right.") for what in answers):
             raise AssertionError(f"the export does not answer {', '.join(missing)}")
@@ -153,7 +164,7 @@ class Conformance:
 
     def python(self) -> Answers:
         """Call the module, on all rows at once."""
-        export_model(self.model, "python", self.folder / "arm.py")
+        self.exported("python", self.folder / "arm.py")
         own: dict[str, Any] = {}
         exec((self.folder / "arm.py").read_text(encoding="utf-8"), own)
         memory: Any = None
@@ -178,7 +189,7 @@ class Conformance:
 
     def st(self) -> Answers:
         """Run the text, moment by moment, by an interpreter of the language's grammar."""
-        export_model(self.model, "st", self.folder / "arm.st")
+        self.exported("st", self.folder / "arm.st")
         library = Library((self.folder / "arm.st").read_text(encoding="utf-8"))
         words, memory = {"t": "t_s", "dt": "dt_s"}, [0.0] * self.memory
         functions = (*self._functions, *(("init", "step") if self.memory else ()))
@@ -200,7 +211,7 @@ class Conformance:
         """Run the function file under GNU Octave."""
         judge, n = _octave(), self.joints
         assert judge is not None
-        export_model(self.model, "matlab", self.folder / f"{self.name}.m")
+        self.exported("matlab", self.folder / f"{self.name}.m")
         for file, rows in (("moments", self.moments), ("moved", self.moved)):
             np.savetxt(self.folder / f"{file}.csv", np.column_stack(rows), delimiter=",", fmt="%.17g")
         walk = [what.removeprefix("walk.") for what in self.right if what.startswith("walk.")]
@@ -214,7 +225,7 @@ class Conformance:
 
     def fmu(self) -> dict[str, Answers]:
         """Run both units in both ways on the motion; each is right about the inputs that fmpy reports."""
-        done = export_model(self.model, "fmu", self.folder / "fmu")
+        done = self.exported("fmu", self.folder / "fmu")
         return {
             f"FMI {version} {kind}": self._unit(path, kind)
             for path, version in zip(done.files[:2], (3, 2), strict=True)

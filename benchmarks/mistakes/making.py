@@ -282,13 +282,15 @@ def _(rig: Rig, rng: Rng) -> Made | None:
     return _made(rig, "exchanged_channels", *pair)
 
 
-def _chamber_exchanged(codes: str, *stems: str) -> Make:
+def _chamber_exchanged(codes: str, *stems: str, crossed: bool = False) -> Make:
+    """Exchange a chamber of a joint with another joint's same one, or other one where ``crossed``."""
+
     def make(rig: Rig, rng: Rng) -> Made | None:
         pair = _two(rig, rng)
         if pair is None:
             return None
         chamber = int(rng.integers(2))
-        first, second = (_chambers(rig, joint)[chamber] for joint in pair)
+        first, second = _chambers(rig, pair[0])[chamber], _chambers(rig, pair[1])[chamber ^ crossed]
         return _made(_swapped(rig, first, second, *stems), codes, *pair)
 
     return make
@@ -592,4 +594,18 @@ _mistake("link with the wrong sign")(_edit_dh("a", lambda v: -v, "length", 3, Tr
 
 _mistake("one pressure of two joints exchanged in one recording")(
     _chamber_exchanged("exchanged_channels other_machine", "train-2")
+)
+_mistake("a head and a rod pressure of two joints exchanged")(_chamber_exchanged("exchanged_channels", crossed=True))
+
+
+@_mistake("both pressures of a joint in bar")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    joint = _joint(rig, rng)
+    for channel in _chambers(rig, joint):
+        rig = _changed(rig, channel, _times(1e-5))
+    return _made(rig, "unit", joint)
+
+
+_mistake("one angle in counts of an encoder")(
+    _one_scaled("joint_position", 4096 / (2 * np.pi), "unit scale out_of_range")
 )

@@ -227,10 +227,20 @@ class Driver(Protocol):
         """
 
     def trigger(self, cycle: int) -> None:
-        """Start cycle ``cycle``; does not wait and does not raise."""
+        """Start a cycle; does not wait and does not raise.
+
+        Parameters
+        ----------
+        cycle : its number, rising
+        """
 
     def collect(self, until_ns: int) -> Samples:
-        """Wait until all that is due came, or the monotonic clock reads ``until_ns``; does not raise."""
+        """Wait until all that is due came, or the time is over; does not raise.
+
+        Parameters
+        ----------
+        until_ns : reading of the monotonic clock at which it returns with what there is
+        """
 
     def statistics(self) -> DriverStatistics:
         """Return the state of the devices and counters."""

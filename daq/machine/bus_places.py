@@ -10,7 +10,7 @@ place                         of                                     an entry of
 ``can:INTERFACE:CHANNEL``     CAN controllers of this computer       ``can:socketcan:can0``, ``can:socketcan:can*``
 ``serial:PORT``               ``modbus_rtu``, ``slcan``, ``serial``  ``serial:/dev/ttyUSB0``, ``serial:/dev/serial/*``
 ``tcp:HOST:PORT``             ``modbus_tcp``, ``socketcand``         ``tcp:192.0.2.10:502``, ``tcp:192.0.2.0/24:*``
-``driver:TYPE``               another package's driver               ``driver:ethercat``
+``driver:TYPE``               whatever says no other place           ``driver:ethercat``
 ============================  =====================================  ==============================================
 
 A network in an entry is for addresses alone: a name says nothing of where it leads, and has to be listed itself.

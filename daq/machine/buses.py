@@ -33,8 +33,10 @@ def _beside_the_machine_file(value: str, info: ValidationInfo) -> str:
     return value if folder is None else str(Path(folder, value))
 
 
+#: Of a field that names a file (:mod:`daq.machine.device_files`).
+BESIDE = AfterValidator(_beside_the_machine_file)
 #: A file that describes devices; a relative path begins at the machine file's folder.
-DeviceFile = Annotated[str, Field(min_length=1, max_length=1000), AfterValidator(_beside_the_machine_file)]
+DeviceFile = Annotated[str, Field(min_length=1, max_length=1000), BESIDE]
 
 
 class FileModel(BaseModel):
@@ -230,7 +232,7 @@ class AnyBus(FileModel):
     Attributes
     ----------
     source : where channels on it come from
-    place : where it leads (:mod:`daq.machine.bus_places`)
+    place : where it leads (:mod:`daq.machine.bus_places`); by default its driver, which alone knows
     """
 
     source: ClassVar[type[Scaled]]
@@ -240,7 +242,7 @@ class AnyBus(FileModel):
 
     @property
     def place(self) -> str:
-        raise NotImplementedError
+        return f"driver:{self.type}"
 
 
 class _CanBus(AnyBus):
@@ -351,11 +353,6 @@ class OtherBus(AnyBus):
         if hint:
             raise BadValueError("daq.no_bus_type", kind=kind, hint=hint)
         return value
-
-    @property
-    def place(self) -> str:
-        """Name of the driver, which alone knows where it leads."""
-        return f"driver:{self.type}"
 
 
 class KnownDelay(FileModel):

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
 
 from daq.errors import MachineFileError
+from daq.machine.buses import BESIDE
 from daq.messages import Sentence
 
 if TYPE_CHECKING:
@@ -16,13 +20,43 @@ LARGEST = 16_000_000  # bytes; the largest ones in use have a few
 
 
 def named_files(machine: Machine) -> Iterator[tuple[str, str]]:
-    """List files that a machine names: by which bus or node, and the path as written there."""
+    """List files that a machine names: by which bus, node or channel, and the path as written there."""
     for bus in machine.buses:
-        for path in getattr(bus, "dbc", ()):
-            yield f"bus '{bus.name}'", path
-        for node in getattr(bus, "nodes", ()):
-            if node.eds is not None:
-                yield Sentence("daq.bus_node", bus_name=bus.name, node=node.node), node.eds
+        yield from _named(bus, bus.name, f"bus '{bus.name}'")
+    for channel in machine.channels:
+        if channel.source is not None:
+            yield from _named(channel.source, channel.source.bus, f"channel '{channel.name}'")
+
+
+def names_files(field: FieldInfo) -> bool:
+    """Test whether texts in a field of a model are files: a :data:`daq.machine.buses.DeviceFile`, or several."""
+    return any(map(_is_marked, (field.annotation, *field.metadata)))
+
+
+def _is_marked(annotation: object) -> bool:
+    return annotation == BESIDE or any(map(_is_marked, get_args(annotation)))
+
+
+def _named(part: BaseModel, bus_name: str, place: str) -> Iterator[tuple[str, str]]:
+    for name, field in type(part).model_fields.items():
+        for value in _values(getattr(part, name)):
+            if isinstance(value, BaseModel):
+                node = getattr(value, "node", None)
+                own = place if node is None else Sentence("daq.bus_node", bus_name=bus_name, node=node)
+                yield from _named(value, bus_name, own)
+            elif isinstance(value, str) and names_files(field):
+                yield place, value
+
+
+def _values(value: object) -> Iterator[object]:
+    """List what is in a value, however deep in lists and tables."""
+    if isinstance(value, dict):
+        value = (*value.keys(), *value.values())
+    if isinstance(value, list | tuple | set | frozenset):
+        for own in value:
+            yield from _values(own)
+    else:
+        yield value
 
 
 def refuse_files_elsewhere(machine: Machine, name: str) -> None:

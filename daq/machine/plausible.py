@@ -222,8 +222,10 @@ def _of_a_cylinder(place: Place, cylinder: Mapping[str, Any]) -> Iterator[Unusua
                 Sentence("daq.correct_rod_bore_diameters"),
             )
     if stroke is not None and stroke > 0:
-        yield from _STROKE.check((*place, "stroke"), stroke, Sentence("daq.what_stroke"))
-        if bore is not None and bore > 0 and not 0.2 <= stroke / bore <= 60:
+        if odd := list(_STROKE.check((*place, "stroke"), stroke, Sentence("daq.what_stroke"))):
+            yield from odd
+            stroke = None
+        elif bore is not None and bore > 0 and not 0.2 <= stroke / bore <= 60:
             yield Unusual(
                 (*place, "stroke"),
                 Sentence("daq.stroke_bores", stroke=stroke / bore),

@@ -16,7 +16,7 @@ import numpy as np
 
 from daq.errors import HilfitError
 from daq.machine.machine_file import Machine
-from daq.messages import Sentence
+from daq.messages import Sentence, named
 from daq.recordings.column_map import ColumnMap
 from daq.recordings.recording import Recording
 from fitting.arm.joint_side import at_joints
@@ -241,7 +241,7 @@ def _named(machine: Machine, joint: str, quantity: str | None, text: str, otherw
     channel = machine.channel(quantity, joint) if quantity else None
     if "{" in text:
         return filled(text, channel=channel.name if channel else otherwise or joint, joint=joint)
-    return Sentence("daq.named", name=joint, what=text)
+    return named(joint, text)
 
 
 def _of_clock(clock: Clock) -> Finding:
@@ -296,21 +296,22 @@ def _of_areas(machine: Machine, own: AreaRatio, places: Places) -> Finding:
 def _finding(machine: Machine, accused: Accused, recordings: Sequence[Recording], places: Places) -> Finding:
     own = accused.hypothesis
     names = [] if own.every else [machine.joints[k].name for k in own.joints]
-    channels = [c.name for n in names for q in own.channels if (c := machine.channel(q, n)) is not None]
+    channels = [*own.names] or [c.name for n in names for q in own.channels if (c := machine.channel(q, n)) is not None]
     where = places.key(own.key) if own.key else places.channels(machine, channels)
     file = None if own.recording is None else recordings[own.recording].file
     channel = channels[0] if len(channels) == 1 or (len(names) == 1 and "{channel}" in own.text) else None
     text = filled(own.text, joint=names[0] if names else "", channel=channel or "the effort")
-    who = f"{file}: " if file else (f"{names[0]}: " if names else "")
+    front = file or ("" if own.names else next(iter(names), ""))  # channels have their joint in their names
     before, after = accused.before.misfits[accused.joint], accused.after.misfits[accused.joint]
     at = (
         ""
         if names and machine.joints[accused.joint].name == names[0]
         else Sentence("fitting.of_joint", joint=machine.joints[accused.joint].name)
     )
+    seen = Sentence("fitting.unexplained_effort_taken_back", text=text, at=at, before=before, after=after)
     return Finding(
         own.code,
-        Sentence("fitting.unexplained_effort_taken_back", who=who, text=text, at=at, before=before, after=after),
+        named(front, seen) if front else seen,
         own.cure + where,
         alternatives=tuple(
             _named(machine, machine.joints[other.joints[0]].name, None, other.text, "the effort")

@@ -12,7 +12,7 @@ import yaml
 from daq import safe_yaml
 from daq.machine.machine_file import Machine
 from daq.machine.machine_file_errors import line_of
-from daq.messages import Sentence, placeholders
+from daq.messages import Sentence, named, placeholders
 
 #: `mistake`: more likely than any effect of the catalogue. `note`: reported, but harmless.
 Severity = Literal["mistake", "note"]
@@ -26,7 +26,7 @@ class Finding:
     ----------
     code : what it is, as in ``docs/checks.md``
     text : what was seen, one sentence
-    cure : what to do, one sentence
+    cure : what to do, one sentence; empty where the text says it
     joint, channel : where; None where it is not of one
     recording : file that it was seen in; None where it was in all
     severity : ``mistake`` or ``note``
@@ -62,6 +62,8 @@ class Finding:
     @property
     def line(self) -> str:
         """Text and cure in one line."""
+        if not self.cure:
+            return self.text
         others = Sentence("fitting.as_well", alternatives=[*self.alternatives]) if self.alternatives else ""
         return Sentence("fitting.finding", text=self.text, others=others, cure=self.cure)
 
@@ -80,10 +82,14 @@ def finding_of(
     strength: float = 0.0,
     **values: Any,
 ) -> Finding:
-    """Make a finding by the key of its texts; ``values`` fill them, or are the finding's own fields, or both."""
+    """Make a finding by the key of its texts; ``values`` fill them, or are the finding's own fields, or both.
+
+    The recording, where it is of one, is named in front.
+    """
     own = {name: value for name, value in values.items() if name in _OWN}
-    texts = worded(key, **values)
-    return Finding(*texts, severity=severity, alternatives=alternatives, strength=strength, **own)
+    code, text, cure = worded(key, **values)
+    text = named(values["recording"], text) if values.get("recording") else text
+    return Finding(code, text, cure, severity=severity, alternatives=alternatives, strength=strength, **own)
 
 
 def worded(key: str, **values: Any) -> tuple[str, Sentence, Sentence]:

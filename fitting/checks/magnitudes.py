@@ -15,7 +15,7 @@ import numpy as np
 
 from daq.machine.machine_file import Channel, Machine, machine_content
 from daq.machine.plausible import Unusual, unusual_values
-from daq.messages import Sentence
+from daq.messages import Sentence, named
 from daq.recordings.recording import Recording
 from fitting.arrays import FloatArray
 from fitting.checks.findings import Finding, Places, finding_of
@@ -23,14 +23,19 @@ from fitting.checks.mistakes.hypothesis import RARE, gains
 from fitting.checks.mistakes.samples import POSITIONS, PRESSURES
 from fitting.signals.filters import white_noise_of
 
-#: Pa: the largest pressure of a cylinder that works lies between these (0.2 bar; 1000 bar), and a vacuum ends at minus
-#: one bar.
-_WORKING = (2.0e4, 1.0e8)
+#: Pa: the largest pressure of a cylinder that works lies between these (0.6 bar, which is 600 bar in kPa; 1000 bar);
+#: a vacuum ends at minus one bar.
+_WORKING = (6.0e4, 1.0e8)
 _VACUUM = -1.5e5
 #: Pa: usual largest pressures, to choose among units.
 _USUAL, _USUAL_RANGE = 1.2e7, (3.0e5, 6.0e7)
+#: Factors by which largest pressures of one arm's joints, and noises of its transducers, usually differ.
+_SPREAD = (5.0, 2.0)
 #: A pressure's top and noise have to agree with the others' in its new unit within this factor.
 _ALIKE = 8.0
+#: Above the strengths of misfits, some 15 at most: what efforts and sensors show with a unit taken back comes after it,
+#: and nothing that they show is worth a word while the file itself cannot be right.
+_STRENGTH = 20.0
 #: A position beyond its limits by this share of their width is no overshoot.
 _BEYOND = 0.5
 #: Smallest share of the limits that a motion covers, in position and in speed, for its unit to be plausible.
@@ -55,7 +60,7 @@ def _in_one_recording(machine: Machine, recordings: Sequence[Recording]) -> list
         usual = float(np.median(others)) if others else _USUAL
         own[r.file] = [*_impossible(machine, [r], usual)[0], *_positions(machine, [r])]
     return [
-        replace(finding, recording=file, text=f"{file}: {finding.text}", strength=finding.strength + 1)
+        replace(finding, recording=file, text=named(file, finding.text), strength=finding.strength + 1)
         for file, findings in own.items()
         for finding in findings
         if finding.code == "unit"
@@ -91,23 +96,22 @@ def _impossible(
     small = [j for j, own in tops.items() if max(own.values()) < _WORKING[0]]
     large = [j for j, own in tops.items() if max(own.values()) > _WORKING[1]]
     for joints, what in ((small, "fitting.no_cylinder_works_little"), (large, "fitting.no_cylinder_holds")):
-        if not joints:
+        theirs = {name: top for j in joints for name, top in tops[j].items() if joints is small or top > _WORKING[1]}
+        channels = [channel for channel in machine.channels if channel.name in theirs]
+        if not channels:
             continue
-        wrong = [machine.channel(q, j) for j in joints for q in PRESSURES]
-        channels = [c for c in wrong if c is not None and c.name in tops[str(c.joint)]]
-        if joints is large:
-            channels = [c for c in channels if tops[str(c.joint)][c.name] > _WORKING[1]]
-        top = max(tops[str(c.joint)][c.name] for c in channels)
-        unit = _unit_of(machine, channels[0], top, usual)
-        named = Sentence("fitting.values_look_like", unit=unit) if unit else Sentence("fitting.they_no_unit_known")
+        largest, sizes = max(channels, key=lambda channel: theirs[channel.name]), _sizes(recordings, tops)
+        others = [size for name, size in sizes.items() if name not in theirs] or [np.log([usual, np.nan])]
+        size = sizes.get(largest.name, np.log([max(theirs[largest.name], 1e-300), np.nan]))
+        unit = _unit_of(machine, largest, size, np.median(others, axis=0))
+        like = Sentence("fitting.values_look_like", unit=unit) if unit else Sentence("fitting.they_no_unit_known")
         every = len(channels) == sum(len(own) for own in tops.values()) and len(tops) > 1
-        for channel in channels[:1] if every else channels:
-            who = "all pressures" if every else channel.name
-            own = top if every else tops[str(channel.joint)][channel.name]
+        for channel in [largest] if every else channels:
+            who, top = "all pressures" if every else channel.name, theirs[channel.name]
             found.append(
                 Finding(
                     "unit",
-                    Sentence("fitting.reach_pa", who=who, top=own, what=Sentence(what), named=named),
+                    Sentence("fitting.reach_pa", who=who, top=top, what=Sentence(what), named=like),
                     Sentence("fitting.set_unit", unit=unit) if unit else Sentence("fitting.look_at_unit_and_wiring"),
                     joint=None if every else channel.joint,
                     channel=None if every else channel.name,
@@ -115,7 +119,7 @@ def _impossible(
                     unit="Pa",
                     says=unit,
                     channels=tuple(c.name for c in channels) if every else (),
-                    strength=9.0,
+                    strength=_STRENGTH,
                 )
             )
     return found, tops
@@ -123,20 +127,13 @@ def _impossible(
 
 def _unlike(machine: Machine, recordings: Sequence[Recording], tops: dict[str, dict[str, float]]) -> list[Finding]:
     """Find a pressure whose values and noise are both smaller (larger) than those of the others by a unit's factor."""
-    sizes: dict[str, tuple[float, float]] = {}
-    for own in tops.values():
-        for name, top in own.items():
-            measured = [r.values[name][np.isfinite(r.values[name])] for r in recordings if name in r.values]
-            noise = max((white_noise_of([values]) for values in measured), default=0.0)
-            if noise > 0 and top > 0:
-                sizes[name] = (float(np.log(top)), float(np.log(noise)))
+    sizes = _sizes(recordings, tops)
     found = []
     for channel in machine.channels:
         others = [size for name, size in sizes.items() if name != channel.name]
         if channel.name not in sizes or not others:
             continue
-        middle = np.median(np.array(others), axis=0)
-        away = np.array(sizes[channel.name]) - middle
+        away = sizes[channel.name] - np.median(others, axis=0)
         for gain, unit in gains(machine, channel).items():
             if abs(np.log(gain)) < np.log(500) or np.any(np.abs(away + np.log(gain)) > np.log(_ALIKE)):
                 continue
@@ -148,16 +145,36 @@ def _unlike(machine: Machine, recordings: Sequence[Recording], tops: dict[str, d
     # Two channels alone cannot show which of them is odd: the one whose values no cylinder has.
     return [
         finding_of(
-            "unit/unlike", says=unit, joint=channel.joint, channel=channel.name, before=top, unit="Pa", strength=9.0
+            "unit/unlike",
+            says=unit,
+            joint=channel.joint,
+            channel=channel.name,
+            before=top,
+            unit="Pa",
+            strength=_STRENGTH,
         )
         for _, channel, unit, top in best.values()
     ]
 
 
-def _unit_of(machine: Machine, channel: Channel, top: float, usual: float) -> str | None:
-    options = gains(machine, channel)
-    near = {g: unit for g, unit in options.items() if _USUAL_RANGE[0] < g * top < _USUAL_RANGE[1]}
-    return min(near.items(), key=lambda item: abs(np.log(item[0] * top / usual)))[1] if near else None
+def _sizes(recordings: Sequence[Recording], tops: dict[str, dict[str, float]]) -> dict[str, FloatArray]:
+    """Compute the logarithms of largest value and noise (2,) of each channel where both are above zero."""
+    found = {}
+    for name, top in ((name, top) for own in tops.values() for name, top in own.items()):
+        measured = [r.values[name][np.isfinite(r.values[name])] for r in recordings if name in r.values]
+        noise = max((white_noise_of([values]) for values in measured), default=0.0)
+        if noise > 0 and top > 0:
+            found[name] = np.log([top, noise])
+    return found
+
+
+def _unit_of(machine: Machine, channel: Channel, size: FloatArray, usual: FloatArray) -> str | None:
+    """Choose the unit in which a channel is of a usual size, and nearest to ``usual`` in value and, if known, noise."""
+    low, high = np.log(_USUAL_RANGE)
+    options = {unit: size + np.log(gain) for gain, unit in gains(machine, channel).items()}
+    away = {unit: (own - usual) / np.log(_SPREAD) for unit, own in options.items() if low < own[0] < high}
+    near = {unit: float(np.nansum(own**2)) for unit, own in away.items()}
+    return min(near, key=lambda unit: near[unit]) if near else None
 
 
 def _positions(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
@@ -201,7 +218,7 @@ def _positions(machine: Machine, recordings: Sequence[Recording]) -> list[Findin
                 channel=channel.name,
                 before=beyond,
                 says=likely,
-                strength=7.0 if likely else 4.0,
+                strength=_STRENGTH if likely else 4.0,
             )
         )
     return _together(found, machine)
@@ -218,7 +235,7 @@ def _too_little(
         return []
     who: dict[str, Any] = {"joint": channel.joint, "channel": channel.name, "declared": channel.unit, "says": unit}
     before, after = span / width, span / factor / width
-    return [finding_of("unit/too_little", before=before, after=after, unit="of the limits", strength=6.0, **who)]
+    return [finding_of("unit/too_little", before=before, after=after, unit="of the limits", strength=_STRENGTH, **who)]
 
 
 def _together(found: list[Finding], machine: Machine) -> list[Finding]:
@@ -252,8 +269,6 @@ _ENTER = {
     "bore": "bore",
     "rod": "rod",
 }
-#: Above the misfits' strengths: nothing that efforts show is worth a word while the file itself cannot be right.
-_STRENGTH = 9.5
 
 
 def machine_findings(machine: Machine, places: Places) -> list[Finding]:
@@ -270,9 +285,10 @@ def _finding(content: dict[str, Any], warning: Unusual, places: Places) -> Findi
     code = "linkage" if "linkage" in warning.place else _ENTER.get(str(warning.place[-1]))
     joint = content["joints"][warning.place[1]]["name"] if warning.place[0] == "joints" else None
     key = ".".join(str(part) for part in warning.place if part != "joints" and not isinstance(part, int))
+    where = named(key, warning.text)
     return Finding(
         code or "machine_file",
-        f"{joint + ': ' if joint else ''}{key}: {warning.text}",
+        named(joint, where) if joint else where,
         warning.cure + places.key(warning.place),
         joint=joint,
         severity="mistake" if code and not warning.slight else "note",

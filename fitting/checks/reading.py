@@ -53,12 +53,6 @@ def recorded_role(path: Path) -> str:
     return role if role in ROLES else "train"
 
 
-def _refused(code: str, error: RecordingError, file: str) -> Finding:
-    """Word a refusal of the strict reader as a finding: the fault before the last semicolon, the cure after it."""
-    text, _, cure = str(error).rpartition("; ")
-    return Finding(code, text or str(error), cure or "correct it", recording=file, strength=1.0)
-
-
 def read_leniently(
     path: Path, machine: Machine, role: str, columns: ColumnMap | None = None, *, resample: bool = False
 ) -> Read:
@@ -80,7 +74,8 @@ def read_leniently(
         try:
             check()
         except RecordingError as error:
-            found.append(_refused(code, error, str(path)))
+            # A refusal has its cure in its text.
+            found.append(Finding(code, error.args[0], "", recording=str(path), strength=1.0))
 
     try:
         table = load_table(path, machine, columns, resampled=resample, role=role)[0]

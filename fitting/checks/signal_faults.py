@@ -43,6 +43,8 @@ _SPIKE_NOISE, _JUMP_NOISE, _STEPS, _EFFORT_STEPS = 10.0, 20.0, 6.0, 3.0
 #: Changes that fall on every k-th row: their share (of so many at least, up to that k). A signal that changes at random
 #: rows has a share of 1/k there.
 _IN_STEP, _LEAST_CHANGES, _LONGEST_HOLD = 0.97, 30, 60
+#: A step is undone by one that leaves less than this share of it.
+_UNDONE = 0.2
 #: Share of the usual speed that a joint cannot lose, and gain again, within a row.
 _AT_SPEED = 0.5
 #: Held for so many rows, and slower than this, is more than a remark: motions of some hertz need ten values a period.
@@ -102,6 +104,13 @@ class _Signal:
         """(N - 1,) from row to row, 0 where one of both is not known."""
         steps = np.diff(self.values)
         return np.where(self.joined & np.isfinite(steps), steps, 0.0)
+
+    @cached_property
+    def back(self) -> BoolArray:
+        """(N - 1,) which steps are undone by the next one: a value that comes and goes."""
+        undone = np.zeros(len(self.steps), dtype=bool)
+        undone[:-1] = np.abs(self.steps[:-1] + self.steps[1:]) < _UNDONE * np.abs(self.steps[:-1])
+        return undone
 
     @property
     def who(self) -> dict[str, Any]:
@@ -172,8 +181,15 @@ def _held(own: _Signal) -> Finding | None:
 
 
 def _least_jump(own: _Signal, noise: float = _JUMP_NOISE) -> float:
-    """Compute the size from which a step is a jump: far beyond noise, ordinary steps, and a share of the range."""
-    ordinary = max(float(np.percentile(np.abs(own.steps), 98)), 1e-300)
+    """Compute the size from which a step is a jump: far beyond noise, ordinary steps, and a share of the range.
+
+    Ordinary are all but the largest of those that last, as spikes do not, and all steps but as many as may be spikes;
+    a joint at rest has its encoder's least step.
+    """
+    sizes, lasting = np.abs(own.steps), ~own.back
+    lasting[1:] &= ~own.back[:-1]
+    all_but = (np.percentile(some, share) for some, share in ((sizes[lasting], 98), (sizes, 95)) if len(some))
+    ordinary = float(max(*all_but, sizes[sizes > 0].min()))
     local = 1.4826 * float(np.median(np.abs(np.diff(own.steps)))) / np.sqrt(6) + 1e-300
     share, times = (_JUMP, _STEPS) if own.position else (_SPIKE_EFFORT, _EFFORT_STEPS)
     return float(max(times * ordinary, noise * local, share * own.span))
@@ -203,11 +219,11 @@ def _jumps(own: _Signal) -> Finding | None:
     if len(large) == 0 or len(large) > 0.05 * len(size):
         return None
     # A spike comes back at once: the next step undoes it.
-    back = [k for k in large if k + 1 < len(steps) and abs(steps[k] + steps[k + 1]) < 0.2 * size[k]]
-    after, least = {k + 1 for k in back}, _least_jump(own)
-    lasting = [k for k in large if k not in after and k not in back and size[k] > least]
-    spike = max((float(size[k]) for k in back), default=0.0) / own.span
-    if back and spike > (_SPIKE_POSITION if own.position else _SPIKE_EFFORT) and (own.position or len(back) >= 3):
+    back = large[own.back[large]]
+    gone, least = {*back, *(back + 1)}, _least_jump(own)
+    lasting = [k for k in large if k not in gone and size[k] > least]
+    spike = float(size[back].max(initial=0.0)) / own.span
+    if len(back) and spike > (_SPIKE_POSITION if own.position else _SPIKE_EFFORT) and (own.position or len(back) >= 3):
         details: dict[str, Any] = {"at": time[back[0] + 1], "share": spike, "before": float(len(back)), "unit": "rows"}
         return finding_of("outliers", strength=5.0, **details, **own.who)
     if not own.position or not lasting:

@@ -24,7 +24,8 @@ from fitting.signals.lost_rows import repeated_rows
 from fitting.signals.position_sensors import position_channel
 
 #: What a time in another unit is too large by.
-_UNITS = {1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds", 1 / 60: "minutes", 1 / 3600: "hours"}
+_UNITS = {1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds"}
+_UNITS |= {1 / 60: "minutes", 1 / 3600: "hours", 1 / 86400: "days"}
 #: Share of the time that may be lost before it is more than a remark, in gaps longer than so many s (shorter ones are
 #: bridged) and in all; s of a pause.
 _LOST, _LONG_S, _LOST_IN_ALL, _PAUSE_S = 0.05, 0.12, 0.25, 2.0

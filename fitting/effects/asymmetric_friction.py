@@ -18,7 +18,7 @@ class AsymmetricFriction(Effect):
     parity = Parity.NEITHER
     dependence = "neither even nor odd in v"
     parameters = (Parameter("f_c_extending", "N"), Parameter("f_v_extending", "N s/m"))
-    confounders = ("pressure_offset", "base_tilt")
+    confounders = ("pressure_offset", "pressure_gain", "base_tilt")
     experiment = "an offset is also there at rest: hold the arm still at both ends of a stroke"
     look_at = "rod and piston seals of the cylinder, and the zero of its two pressure sensors"
     source = "Janot, Gautier, Brunot, EMPS benchmark, 2019"

@@ -265,7 +265,16 @@ class FoundBy(Enum):
 
 
 class Effect(ABC):
-    """Base class of effects; see the module's text for what each hook is for."""
+    """Base class of effects; see the module's text for what each hook is for.
+
+    Parameters
+    ----------
+    view : of all hooks: motion, force and ranges of the joint in one segment of a recording, (N,) each, SI
+    shape : one of :meth:`shapes` (:meth:`gap_shapes`): what columns depend on other than linearly, by name
+    machine, joint : what the machine file says, and the number of the joint, from 0 at the base (of signals its name)
+    values, stds : (k,) of ``parameters``, in their units, and standard deviations
+    corrections : of a session's positions, which get one more
+    """
 
     id: ClassVar[str]
     title: ClassVar[str]

@@ -18,7 +18,7 @@ from itertools import product
 
 import numpy as np
 
-from fitting.arrays import FloatArray
+from fitting.arrays import FloatArray, unit_gram
 from fitting.effects.base import Effect
 
 #: Lower and upper bounds, (k,) each.
@@ -53,8 +53,9 @@ def inside(bounds: Bounds, gram: FloatArray, products: FloatArray, free: FloatAr
     low, high = bounds
     if np.all((free >= low) & (free <= high)):
         return None
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    S, g, low, high, free = gram / np.outer(scale, scale), products / scale, low * scale, high * scale, free * scale
+    S, size = unit_gram(gram)
+    g = products / size
+    low, high = (bound * np.where(np.isfinite(size), size, 1.0) for bound in bounds)
     # Of each parameter: free (NaN), or at one of its bounds.
     choices = [[np.nan, *(b for b in pair if np.isfinite(b))] for pair in zip(low, high, strict=True)]
     best = Inside(np.zeros(len(free)), 0.0, tuple(k for k, own in enumerate(choices) if len(own) > 1))
@@ -64,7 +65,7 @@ def inside(bounds: Bounds, gram: FloatArray, products: FloatArray, free: FloatAr
         values[others] = np.linalg.pinv(S[np.ix_(others, others)], rcond=1e-8, hermitian=True) @ rest
         gain = float(2.0 * g @ values - values @ S @ values)
         if gain > best.gain and np.all((values >= low) & (values <= high)):
-            best = Inside(values / scale, gain, tuple(np.flatnonzero(~others).tolist()))
+            best = Inside(values / size, gain, tuple(np.flatnonzero(~others).tolist()))
     return best
 
 

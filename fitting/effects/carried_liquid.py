@@ -24,7 +24,8 @@ class CarriedLiquid(Effect):
     # J_f is what the rigid body holds of the liquid as if it were frozen: it is taken out again at this joint.
     parameters = (Parameter("J_s", "kg m^2", low=0.0), Parameter("J_f", "kg m^2"))
     shape_units = {"frequency": "Hz"}
-    confounders = ("structural_flexibility",)
+    #: A liquid that follows at frequencies far above the motion's is nothing but an inertia.
+    confounders = ("structural_flexibility", "actuator_inertia")
     experiment = "record the ring-down after a stop"
     look_at = "what the joint carries: a tank or bucket that is partly filled"
     source = "Ibrahim, Liquid Sloshing Dynamics, 2005 (equivalent pendulum)"

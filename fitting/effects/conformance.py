@@ -24,24 +24,10 @@ from daq.machine.machine_file import Machine, parse_machine
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView, Effect, Parameter, Parity, Ranges, Shape, has_both_positions
+from fitting.effects.variables import NEIGHBOUR, OWN
 from fitting.signals.filters import filter_bank
 from fitting.signals.preparation import PositionNoise, Segment, motion_segment
 
-#: Signals that a residual can be drawn against; those of a neighbour have ``other.`` in front.
-VARIABLES = frozenset(
-    {
-        "joint_position",
-        "piston_position",
-        "piston_speed",
-        "piston_acceleration",
-        "cylinder_force",
-        "force_rate",
-        "head_pressure",
-        "rod_pressure",
-        "time",
-        "oil_temperature",
-    }
-)
 _RATE = 50.0
 _SECONDS = 24.0
 _TEXTS = ("id", "title", "level", "variable", "equation", "dependence", "experiment", "source")
@@ -62,8 +48,12 @@ def check_effect(effect: Effect) -> None:
     columns of the right form, beyond the fitted ranges as well, that add something in a loaded recording; a joint's
     effect is gone when the arm is unloaded; the parity is the declared one; columns of an effect with
     ``uses_model = False`` do not move with the model, and no column holds a hidden force of its own (doubled model
-    forces give 1, 2 or 4 times the column); gap columns have the same form; plausibility follows the intervals; the
-    same view gives the same columns and is left unchanged.
+    forces give a multiple of the column); gap columns have the same form; plausibility follows the intervals; the same
+    view gives the same columns and is left unchanged.
+
+    Parameters
+    ----------
+    effect : an object of the class, as its entry point names it
     """
     _check_texts(effect)
     _check_plausibility(effect)
@@ -91,8 +81,9 @@ def _check_texts(effect: Effect) -> None:
     require(bool(re.fullmatch(r"[a-z][a-z0-9_]*", effect.id)), "its id is not in lower case with underscores")
     require(effect.level in ("cylinder", "joint", "measurement"), f"there is no level '{effect.level}'")
     require(
-        effect.variable.removeprefix("other.") in VARIABLES,
-        f"there is no variable '{effect.variable}' to draw it against",
+        effect.variable.removeprefix("other.")
+        in (NEIGHBOUR if effect.variable.startswith("other.") else OWN | NEIGHBOUR),
+        f"there is no variable '{effect.variable}' to draw it against: see fitting/effects/variables.py",
     )
     parameters = getattr(effect, "parameters", None)
     require(
@@ -163,8 +154,9 @@ def _check_columns(effect: Effect, bench: _Bench, joint: int) -> None:
         if not effect.uses_model:
             require(np.array_equal(stronger, columns), f"{place} uses_model is False, but it moves with the model")
         require(
-            any(_like(stronger, factor * columns) for factor in (1.0, 2.0, 4.0)),
-            f"{place} its columns hold a force that is neither the model's nor the parameter's",
+            _proportional(stronger, columns),
+            f"{place} its columns hold a force that is neither the model's nor the parameter's: "
+            "with doubled model forces each has to be a multiple of what it was",
         )
     require(alive, f"{place} every shape is zero in a recording that moves all joints under load")
 
@@ -196,6 +188,12 @@ def _check_gap(effect: Effect, bench: _Bench) -> bool:
                 _require(effect, bool(np.all(np.isfinite(columns))), "gap columns are not finite")
                 _require(effect, bool(np.any(columns)), "gap columns are zero; give None where there is no gap")
     return seen
+
+
+def _proportional(first: FloatArray, second: FloatArray) -> bool:
+    """Return whether each column of the first (N, k) or (N, n, k) is one multiple of that of the second."""
+    one, two = (own.reshape(-1, own.shape[-1]) for own in (first, second))
+    return _like(one, two * (np.sum(one * two, axis=0) / np.maximum(np.sum(two * two, axis=0), 1e-300)))
 
 
 def _like(first: FloatArray, second: FloatArray) -> bool:

@@ -23,7 +23,7 @@ class GasSpring(Effect):
     parameters = (Parameter("f_g", "N", low=0.0), Parameter("f_0", "N"))
     shape_units = {"n": "1"}
     discrete_shapes = frozenset({"side", "n"})
-    confounders = ("hose_stiffness", "end_cushion")
+    confounders = ("hose_stiffness", "end_cushion", "pressure_offset")
     experiment = "isolate the accumulator"
     by_motion = False
     look_at = "gas in the chamber or an accumulator on the line: bleed the cylinder, check the accumulator"

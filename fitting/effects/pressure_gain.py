@@ -19,7 +19,7 @@ class PressureGain(Effect):
     dependence = "follows one chamber"
     parameters = (Parameter("g", "1", low=-0.3, high=0.3),)
     discrete_shapes = frozenset({"chamber"})
-    confounders = ("asymmetric_friction", "load_dependent_friction")
+    confounders = ("asymmetric_friction", "load_dependent_friction", "pressure_offset")
     experiment = "a known mass, or both ports joined"
     by_motion = False
     look_at = "the pressure sensor's range and scale in the machine file, then the sensor itself"

@@ -18,7 +18,7 @@ class PressureOffset(Effect):
     parity = Parity.EVEN
     dependence = "constant"
     parameters = (Parameter("F_0", "N"),)
-    confounders = ("asymmetric_friction", "base_tilt")
+    confounders = ("asymmetric_friction", "pressure_gain", "base_tilt")
     experiment = "vent both chambers and read the sensors"
     by_motion = False
     look_at = "the pressure sensor's zero: vent both chambers and set it"

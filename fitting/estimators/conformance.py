@@ -26,6 +26,10 @@ def check_estimator(estimator: Estimator) -> None:
     errors agree with the covariance; the unit of a column changes nothing but its parameter; weights of zero remove
     rows; undetermined columns are marked, and still predict; bad input raises ``ValueError``; nothing that
     was handed in is changed; the same input gives the same result.
+
+    Parameters
+    ----------
+    estimator : an object of the class, as its entry point names it
     """
     _require(isinstance(estimator, Estimator), "it has no `name` and `fit` as the protocol `Estimator` says")
     _require(isinstance(estimator.name, str) and bool(estimator.name), "its name is empty")

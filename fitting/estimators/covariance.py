@@ -70,7 +70,10 @@ def scores_covariance(
 
 
 def series_scores(Q: FloatArray, e: FloatArray, colour: Colour, rng: np.random.Generator) -> FloatArray:
-    """Compute ``Q'e``'s covariance (rank, rank) of one series in time order, with no factor for fitted parameters."""
+    """Compute ``Q'e``'s covariance (rank, rank) of one series in time order, with no factor for fitted parameters.
+
+    ``Q`` (n, rank) has columns of one size, or some rows of such ones.
+    """
     if colour == "bootstrap":
         draws = residual_draws(e, _DRAWS, rng) @ Q
         return np.asarray(draws.T @ draws / _DRAWS)
@@ -114,17 +117,13 @@ def _whitened_sum(Q: FloatArray, e: FloatArray) -> FloatArray:
 
 
 def _bandwidth(V: FloatArray) -> int:
-    """Compute Andrews' plug-in for the Bartlett kernel, equation 6.4, with equal column weights."""
-    squares = np.sum(V**2, axis=0)
-    alive = squares > 0
-    if not alive.any():
-        return 0
-    V, squares = V[:, alive] / np.sqrt(squares[alive]), np.ones(np.count_nonzero(alive))
-    rho = np.clip(np.sum(V[1:] * V[:-1], axis=0), -_STRONGEST, _STRONGEST)
-    variance = squares - rho**2
-    above = np.sum(4 * rho**2 * variance**2 / ((1 - rho) ** 6 * (1 + rho) ** 2))
-    below = np.sum(variance**2 / (1 - rho) ** 4)
-    return int(np.floor(1.1447 * (above / below * len(V)) ** (1.0 / 3.0)))
+    """Compute Andrews' plug-in for the Bartlett kernel, equation 6.4, with one coefficient for all columns of scores.
+
+    Their sums of products do not know which basis of the columns' space was taken, and neither does the covariance.
+    """
+    square = float(np.vdot(V, V))
+    rho = min(abs(float(np.vdot(V[1:], V[:-1]))) / square, _STRONGEST) if square > 0 else 0.0
+    return int(np.floor(1.1447 * (4.0 * rho**2 / (1.0 - rho**2) ** 2 * len(V)) ** (1.0 / 3.0)))
 
 
 # --- block bootstrap ----------------------------------------------------------------------------------------------

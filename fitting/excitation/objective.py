@@ -29,7 +29,7 @@ import numpy as np
 
 from fitting.arm.dynamics import rigid_body_regressor, stacked
 from fitting.arm.geometry import Geometry
-from fitting.arrays import FloatArray, IntArray
+from fitting.arrays import FloatArray, IntArray, unit_gram
 
 Criterion = Literal["condition", "determinant"]
 
@@ -45,13 +45,8 @@ def information(Y: FloatArray) -> FloatArray:
 
 def condition_of_information(G: FloatArray) -> float:
     """Compute the column-scaled observation matrix's condition number, ``G = W'W``; infinite without rank."""
-    scale = np.sqrt(np.diag(G))
-    if not np.all(scale > 0):
-        return float("inf")
-    values = np.linalg.eigvalsh(G / np.outer(scale, scale))
-    if values[0] <= 1e-14 * values[-1]:
-        return float("inf")
-    return float(np.sqrt(values[-1] / values[0]))
+    values = np.linalg.eigvalsh(unit_gram(G)[0])
+    return float(np.sqrt(values[-1] / values[0])) if values[0] > 1e-14 * values[-1] else float("inf")
 
 
 def spectral_objective(

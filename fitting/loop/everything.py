@@ -93,8 +93,8 @@ def held_against_everything(
         number, reason = refused
         reasons[accepted.pop(number).score.term.family] = reason
     changes = tuple(c if c.recording is None else replace(c, recording=whole[c.recording]) for c in found.changes)
-    found = found.refusing(reasons).with_status(apart)
-    return replace(found, accepted=tuple(accepted), changes=changes)
+    found = found.refusing(reasons).narrowed({f: r for f, (status, r) in apart.items() if status == "rejected"})
+    return replace(found.with_status(apart), accepted=tuple(accepted), changes=changes)
 
 
 def _of(item: Accepted, term: Term) -> Accepted:
@@ -158,15 +158,19 @@ def _with_rivals(
             apart[scores[best].term.family] = "accepted", Sentence("fitting.best_set_all_samples")
         else:
             best = 0
-        near = list[Score]()
-        for score, value in zip(scores, values, strict=True):
-            if score is not scores[best] and value - values[best] < width:
-                near.append(score)
-            elif score is not scores[best]:
+        near, chances = list[int](), [item.probability, *item.rival_probabilities]
+        for n, (score, value) in enumerate(zip(scores, values, strict=True)):
+            if n != best and value - values[best] < width:
+                near.append(n)
+            elif n != best:
                 excess = value - values[best]
                 reason = Sentence("fitting.fits_all_samples_worse", best=scores[best].term.id, excess=excess)
                 apart[score.term.family] = "rejected", reason
-        result[number] = replace(item, score=scores[best], rivals=tuple(near))
+        left = 1.0 - sum(p for n, p in enumerate(chances) if n not in (best, *near))
+        rivals, odds = tuple(scores[n] for n in near), tuple(chances[n] / left for n in near)
+        result[number] = replace(
+            item, score=scores[best], rivals=rivals, probability=chances[best] / left, rival_probabilities=odds
+        )
     return result, apart
 
 

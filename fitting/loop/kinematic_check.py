@@ -45,8 +45,6 @@ from fitting.signals.corrections import Corrections
 
 #: Times that an error of geometry is rebuilt until nothing of it is left.
 _REBUILDS = 4
-#: What is rebuilt on a joint has to take a tenth off its filtered gap at least.
-LEAST_GAP_SHARE = 0.9
 
 
 @dataclass(frozen=True)
@@ -128,9 +126,11 @@ def kinematics(session: Session, progress: Progress = quiet) -> Kinematics:
     """Check every joint that has two position sensors."""
     posteriors = gap_posteriors(session, progress)
     corrections, findings, laws = Corrections(session.machine), list[KinematicFinding](), list[KinematicLaw]()
-    for own in posteriors.values():
+    for joint, own in posteriors.items():
         rebuilt, corrections = _rebuilt(session, corrections, own)
-        findings += rebuilt
+        if rebuilt is None:  # what would be rebuilt does not make the mismatch smaller on `validate`
+            posteriors[joint] = own = own.without([one.name for one in own.conclusions() if one.part is not None])
+        findings += rebuilt or []
         laws += [_law(own, one) for one in own.conclusions() if one.part is None]
     return Kinematics(corrections, tuple(findings), tuple(laws), _hypotheses(posteriors))
 
@@ -146,7 +146,7 @@ def gap_posteriors(session: Session, progress: Progress = quiet) -> dict[int, Ga
         progress(number / len(joints), Sentence("fitting.comparing_position_sensors", joint=name))
         posteriors[joint] = gap_posterior({(): with_forces(_rows(session, plain, model.views, joint), model)})
     for joint, own in posteriors.items():
-        if own.conclusions():
+        if own.sets[0][0].names:
             posteriors[joint] = _again(session, posteriors, joint)
     return posteriors
 
@@ -170,7 +170,7 @@ def _again(session: Session, posteriors: Mapping[int, GapPosterior], joint: int)
     def fit(corrections: Corrections) -> Model:
         if corrections == Corrections(session.machine):
             return session.base_model
-        return session.fit(session.prepared(corrections, noise=session.plain.noise))
+        return session.fit(session.prepared(corrections, known=session.base_model))
 
     def fit_all(posterior: GapPosterior, poses: Collection[Pose] = ()) -> None:
         for chosen, p in posterior.sets:
@@ -244,8 +244,8 @@ def _spread(model: Model) -> list[tuple[FloatArray, npt.NDArray[np.bool_]]]:
 
 def _rebuilt(
     session: Session, start: Corrections, posterior: GapPosterior
-) -> tuple[list[KinematicFinding], Corrections]:
-    """Rebuild a joint's findings into the positions until nothing of its gap is left."""
+) -> tuple[list[KinematicFinding] | None, Corrections]:
+    """Rebuild a joint's findings into the positions until nothing of its gap is left; None where that is not less."""
     conclusions = posterior.conclusions()
     scores = posterior.scores(conclusions[0].chosen) if conclusions else ()
     if not scores:
@@ -271,8 +271,8 @@ def _rebuilt(
         placed, corrections = _placed(session, corrections, score)
         steps[score.effect.id] = [placed]
     before, after = _gaps(session, prepared, model, joint, driven)
-    if after > LEAST_GAP_SHARE * before:
-        return [], start
+    if after >= before:
+        return None, start
     nothing = next((p for own, p in posterior.sets if not own.names), 0.0)
     findings = []
     for one in conclusions:
@@ -280,7 +280,7 @@ def _rebuilt(
             own, first = steps[one.name], next(score for score in scores if score.effect.id == one.name)
             values = tuple(np.sum([step.values for step in own], axis=0).tolist())
             odds = float(np.log(max(one.probability, 1e-300) / max(nothing, 1e-300)))
-            names, chances = tuple(name for name, _ in one.effects), tuple(p for _, p in one.effects)
+            names, chances = tuple(name for name, _ in one.rivals), tuple(p for _, p in one.rivals)
             sizes = tuple(own), values, first.stds, first.gain, odds, before, after
             findings.append(KinematicFinding(*sizes, names, one.probability, chances))
     return findings, corrections
@@ -341,7 +341,7 @@ def _law(posterior: GapPosterior, conclusion: GapConclusion) -> KinematicLaw:
     """Return the law of a set with its curve."""
     law, curve = conclusion.chosen.law, posterior.curve(conclusion.chosen)
     assert law is not None
-    return KinematicLaw(posterior.rows.joint, law, *curve, conclusion.probability, conclusion.effects)
+    return KinematicLaw(posterior.rows.joint, law, *curve, conclusion.probability, conclusion.rivals)
 
 
 def _hypotheses(posteriors: Mapping[int, GapPosterior]) -> tuple[Hypothesis, ...]:

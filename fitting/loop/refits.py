@@ -119,7 +119,7 @@ class SessionSignals:
         design = model.design
         options = Options(bandwidth_hz=design.bank.bandwidth_hz)
         session = Session(design.machine, recordings, options, in_memory=not design.stored, synthetic=True)
-        replica = session.prepared(Corrections(design.machine), noise=model.noise, speeds=design.noise)
+        replica = session.prepared(Corrections(design.machine), known=model)
         if not replica.design.stored and (len(self._moved_alike) + 1) * replica.design.numbers < _MOST_NUMBERS:
             self._moved_alike[number] = replica
         return replica

@@ -28,12 +28,11 @@ The same at length is in ``docs/explanation/evidence.md``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from daq.machine.machine_file import Machine
 from daq.messages import Sentence
 from fitting.effects import line_effect
 from fitting.effects.base import Effect
@@ -48,13 +47,16 @@ from fitting.residual.confirmation.cross_validation import held_out_gain
 from fitting.residual.confirmation.uncertainty import with_uncertainties
 from fitting.residual.findings import Accepted, Attribution, Family
 from fitting.residual.levelling import residual_parts
-from fitting.residual.lines import Line, machine_lines
+from fitting.residual.lines import Line, is_ripple, machine_lines
 from fitting.residual.scoring import score_terms
 from fitting.residual.terms import Model, Term
+from fitting.selection.decision import nothing_more
 from fitting.selection.gains import margin
+from fitting.selection.rating import Ratings
 from fitting.selection.search import Search
 from fitting.selection.trust import Draws
 from fitting.signals.corrections import Corrections
+from fitting.signals.preparation import stretches
 
 #: Factors of the filter's cut-off at which a named effect has to hold as well, and how far it may move.
 SCREEN = (0.7, 1.3)
@@ -100,18 +102,18 @@ def _screened(session: Session, corrections: Corrections, signals: SessionSignal
 
     A named effect is dropped if a refit turns its sign, or makes it several times larger or smaller, significantly.
     """
-    named = [n for n, item in enumerate(found.accepted) if isinstance(item.score.term.content, Effect)]
+    terms = [item.score.term for item in found.accepted]
+    named = [n for n, term in enumerate(terms) if isinstance(term.content, Effect) and not term.is_line]
     if not named:
         return found
     bandwidth = session.bank.bandwidth_hz
     leading = {n: _leading(found.model, n) for n in named}
     values = {n: [(bandwidth, *_value(found.model, n, leading[n]))] for n in named}
-    for factor in SCREEN:
-        cutoff = min(factor * bandwidth, session.machine.rate_hz / 5)
-        model = SessionSignals(session.at_bandwidth(cutoff), corrections).refit(found.model.terms)
+    for other in _at_others(session):
+        model = SessionSignals(other, corrections).refit(found.model.terms)
         for n, own in values.items():
-            own.append((cutoff, *_value(model, n, leading[n])))
-        del model  # before the next, which is as large
+            own.append((other.bank.bandwidth_hz, *_value(model, n, leading[n])))
+        del model, other  # before the next, which are as large
     moved = {
         found.accepted[n].score.term.family: Sentence(
             "fitting.changes_with_filter",
@@ -133,24 +135,31 @@ def other_bands(
     Only asked where nothing was found: a name has its values at these cut-offs (:func:`_screened`).
     """
     result = []
-    for number, factor in enumerate(SCREEN):
+    for number, other in enumerate(_at_others(session)):
         progress(0.86 + 0.03 * number, Sentence("fitting.looking_again_another_bandwidth"))
-        cutoff = min(factor * session.bank.bandwidth_hz, session.machine.rate_hz / 5)
-        result.append((cutoff, _found_at(session, corrections, cutoff)))
+        result.append((other.bank.bandwidth_hz, _found_at(other, corrections)))
     return tuple(result)
 
 
-def _found_at(session: Session, corrections: Corrections, cutoff: float) -> tuple[Family, ...]:
-    """Find the most probable families at another cut-off where nothing is improbable there."""
-    signals = SessionSignals(session.at_bandwidth(cutoff), corrections)
-    validate, base = signals.prepared(()).validate, signals.refit(())
-    search = Search(base, validate, signals)
-    nothing = search.rate_nothing()
-    if nothing < 0.5:
+def _at_others(session: Session) -> Iterator[Session]:
+    """Yield the session at other cut-offs, those whose filters every recording is long enough for."""
+    for factor in SCREEN:
+        other = session.at_bandwidth(min(factor * session.bank.bandwidth_hz, session.machine.rate_hz / 5))
+        if all(stretches(other.machine, own, other.bank) for own in other.recordings):
+            yield other
+
+
+def _found_at(session: Session, corrections: Corrections) -> tuple[Family, ...]:
+    """Find the most probable family at another cut-off where nothing is improbable there."""
+    signals = SessionSignals(session, corrections)
+    base, unseen = signals.refit(()), np.zeros(len(session.machine.joints))
+    ratings = Ratings(base, Draws(signals, 0), once=True)
+    rated = ratings.rated(base, unseen, settled=True)
+    if nothing_more(rated) < 0.5:
         # Replicas take off what noise makes of the candidates: only drawn where something is probable at all.
-        search.ratings.draws = Draws(signals, session.options.bootstrap)
-        nothing = search.rate_nothing()
-    return () if nothing >= 0.5 else (search.open[0].term.family,)
+        ratings.draws = Draws(signals, session.options.bootstrap)
+        rated = ratings.rated(base, unseen, settled=True)
+    return () if nothing_more(rated) >= 0.5 else (rated[0].term.family,)
 
 
 def _leading(model: Model, number: int) -> int:
@@ -173,11 +182,6 @@ def moves(values: Sequence[tuple[float, float, float]]) -> bool:
         if apart and (value * first < 0 or not 1 / SCREEN_RATIO < ratio < SCREEN_RATIO):
             return True
     return False
-
-
-def is_ripple(machine: Machine, line: Line) -> bool:
-    """Return whether a pump can make this line: only where oil acts on the joint."""
-    return line_effect().applies(machine, line.joint)
 
 
 def _ripples(signals: SessionSignals) -> tuple[tuple[Line, ...], tuple[Accepted, ...]]:

@@ -330,13 +330,12 @@ class Session:
         corrections: Corrections,
         latency: Mapping[str, float] | None = None,
         resampled: Collection[str] = (),
-        noise: NoiseModel | None = None,
-        speeds: tuple[PositionNoise, ...] | None = None,
+        known: Model | None = None,
     ) -> Prepared:
         """Design with corrections of positions, linkages and delays rebuilt into the signals.
 
-        Where the ``noise`` is known, no runs of one motion are looked for: there are no pairs. Where that of the
-        ``speeds`` is, it is not found anew.
+        Where noise and unsure speeds are ``known``, they are a model's, and no runs of one motion are looked for: there
+        are no pairs.
         """
         machine = corrections.machine
         segments = segments_of(
@@ -352,34 +351,36 @@ class Session:
             synthetic=self.synthetic,
         )
         store = storing(self.bank, Scratch()) if self.long else None
-        design = build_design(machine, self.base, self.bank, speeds or self.position_noise, segments, store)
-        pairs = pair_repeats(design) if noise is None else ()
-        fitted = design.indices(*FITTED_ROLES)
-        rescaled: tuple[float, ...] = ()
-        if noise is None:
-            found = noise_model(design, fitted, pairs)
-            if speeds is None:
-                speeds = unsure_speeds(design, found, fitted, self.position_noise, range(len(machine.joints)))
-            if speeds != design.noise:
-                store = storing(self.bank, Scratch()) if self.long else None
-                design = build_design(machine, self.base, self.bank, speeds, design.segments, store)
-            noise, rescaled = on_fitted_rows(design, found, fitted)
-        return Prepared(design, pairs, noise, fitted, design.indices("validate"), rescaled)
+        speeds = known.design.noise if known else self.position_noise
+        design = build_design(machine, self.base, self.bank, speeds, segments, store)
+        fitted, validate = design.indices(*FITTED_ROLES), design.indices("validate")
+        if known:
+            return Prepared(design, (), known.noise, fitted, validate)
+        pairs = pair_repeats(design)
+        noise = noise_model(design, fitted, pairs)
+        speeds = unsure_speeds(design, noise, fitted, self.position_noise, range(len(machine.joints)))
+        if unsure := _moved(speeds, design):
+            store = storing(self.bank, Scratch()) if self.long else None
+            design = build_design(machine, self.base, self.bank, speeds, design.segments, store)
+            noise = noise_model(design, fitted, pairs, start=noise, anew=unsure)
+        noise, rescaled = on_fitted_rows(design, noise, fitted)
+        return Prepared(design, pairs, noise, fitted, validate, rescaled)
 
     def delayed(self, prepared: Prepared, latency: Mapping[str, float], resampled: Collection[str] = ()) -> Prepared:
         """Return a design without delays in memory with some joints' efforts moved; all else is shared."""
-        design = prepared.design
+        design, fitted, pairs = prepared.design, prepared.fitted, prepared.pairs
         segments = [
             with_delays(design.machine, self.recordings[own.recording], own, self.bank, latency, resampled)
             for own in design.segments
         ]
         late = [number for number, joint in enumerate(design.machine.joints) if joint.name in latency]
         design = with_efforts(design, segments, late)
-        noise = noise_model(design, prepared.fitted, prepared.pairs, start=prepared.noise, anew=late)
-        speeds = unsure_speeds(design, noise, prepared.fitted, self.position_noise, late)
-        changed = [joint for joint in late if speeds[joint] != design.noise[joint]]
-        design = with_efforts(replace(design, noise=speeds), segments, changed)
-        noise, rescaled = on_fitted_rows(design, noise, prepared.fitted, late)
+        noise = noise_model(design, fitted, pairs, start=prepared.noise, anew=late)
+        speeds = unsure_speeds(design, noise, fitted, self.position_noise, late)
+        if unsure := _moved(speeds, design):
+            design = with_efforts(replace(design, noise=speeds), segments, unsure)
+            noise = noise_model(design, fitted, pairs, start=noise, anew=unsure)
+        noise, rescaled = on_fitted_rows(design, noise, fitted, late)
         return replace(prepared, design=design, noise=noise, rescaled=rescaled)
 
     @staticmethod
@@ -463,3 +464,8 @@ class Session:
             files = ", ".join(r.file for r in self.recordings if r.role == "train")
             names = ", ".join(missing[:6]) + (f" and {len(missing) - 6} more" if len(missing) > 6 else "")
             raise RecordingError("fitting.motion_not_excite", files=files, names=names)
+
+
+def _moved(speeds: Sequence[PositionNoise], design: Design) -> list[int]:
+    """Return the joints whose speeds are unsure by another width than a design has."""
+    return [joint for joint, (own, there) in enumerate(zip(speeds, design.noise, strict=True)) if own != there]

@@ -11,7 +11,8 @@ training motion by the other weights, so what it loses shows which case this is:
     ratio = error of the whitened fit / error of least squares,   training motions,
 
 as the larger of two: the error of all efforts together, and each joint's in units of its own. Above
-:data:`MOST_LOST` equal weights are handed out.
+:data:`MOST_LOST` equal weights are handed out, and where rows are no more than parameters: least squares leaves nothing
+of them but rounding, which says nothing of noise.
 
 Where the number comes from: sound simulated arms have at most 1.006, arms that lack an effect 1.0 to 1.08, measured
 machines 1.04 to 1.8 (``docs/decisions/0034-weights-on-measured-machines.md``).
@@ -83,7 +84,8 @@ def weighed(
     errors = {name: rows.errors(theta) for name, theta in tried.items()}
     ratio = _error_ratio(rows, errors["whitened"], np.fmin(errors["equal"], errors["least_squares"]))
     if weights is None:
-        weights = "equal" if ratio > MOST_LOST else "whitened"
+        few = rows.rows.sum() <= len(model.fit.theta)
+        weights = "equal" if few or ratio > MOST_LOST else "whitened"
     if weights == "whitened":
         return Weighed(with_uncertainties(model), "whitened", ratio, tried, errors)
     return Weighed(replace(model, fit=equal, prior=settled), "equal", ratio, tried, errors)

@@ -127,7 +127,12 @@ def left_out(model: ArmModel) -> frozenset[int]:
 
 
 def gravity(model: ArmModel, q: npt.ArrayLike, *, temperature: npt.ArrayLike | None = None) -> FloatArray:
-    """Compute joint efforts (N, n) at rest, N m or N: of the links, springs and offsets included."""
+    """Compute joint efforts (N, n) at rest, N m or N: of the links, springs and offsets included.
+
+    Parameters
+    ----------
+    q, temperature : as of :func:`on_motion`
+    """
     still = np.zeros(np.shape(q))
     return on_motion(at_rest(model), q, still, still, temperature=temperature).joint_effort(0)
 
@@ -138,6 +143,10 @@ def friction(
     """Compute joint efforts (N, n) that change sign with the speed: friction and damping of drives and effects.
 
     ``(effort(q, qd, 0) - effort(q, -qd, 0)) / 2``; forces of inertia and gravity are even in speed.
+
+    Parameters
+    ----------
+    q, qd, temperature : as of :func:`on_motion`
     """
     speed, still = np.asarray(qd, dtype=float), np.zeros(np.shape(q))
     there, back = (
@@ -147,7 +156,12 @@ def friction(
 
 
 def inertia_matrix(model: ArmModel, q: npt.ArrayLike) -> FloatArray:
-    """Compute effort per joint acceleration (N, n, n), at rest: links, pistons and drives; kg m^2 (kg m, kg)."""
+    """Compute effort per joint acceleration (N, n, n), at rest: links, pistons and drives; kg m^2 (kg m, kg).
+
+    Parameters
+    ----------
+    q : (N, n) or (n,) joint positions, rad or m
+    """
     n = len(model.joints)
     position = _rows(q, n, "q")
     count = len(position)
@@ -185,9 +199,14 @@ def forward(
     temperature: npt.ArrayLike | None = None,
     possible: bool = False,
 ) -> FloatArray:
-    """Compute joint accelerations (N, n) from joint efforts, or pressures in Pa.
+    """Compute joint accelerations (N, n) from joint efforts, or from pressures.
 
-    ``possible`` takes the nearest model whose drives have no inertia below zero.
+    Parameters
+    ----------
+    q, qd, temperature : as of :func:`on_motion`
+    effort : (N, n) N m or N; or
+    head, rod : (N, n) pressures, Pa, of an arm that has cylinders alone
+    possible : take the nearest model whose drives have no inertia below zero
 
     Raises
     ------

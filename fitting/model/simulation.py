@@ -88,6 +88,7 @@ def simulate(
     temperature : of the oil, K, for laws of it
     possible : take the nearest model whose drives have no inertia below zero
     within_s : s of ``clock`` after which it gives up
+    clock : seconds that pass, from any beginning
 
     Raises
     ------
@@ -190,6 +191,7 @@ def tracking(
     Parameters
     ----------
     t, q : (N,) s from 0, (N, n) positions; between them a cubic spline, at rest at both ends
+    bandwidth_hz : of the feedback
     temperature : of the oil, K, for laws of it
     """
     times, path = np.asarray(t, dtype=float), np.asarray(q, dtype=float)

@@ -53,11 +53,12 @@ def verdict(results: StageResults, joints: Sequence[str]) -> tuple[str, list[str
     if not found.looked:
         return "not_examined", []
     kinematics, outcome = results[Residual].kinematics, found.verdict
+    added = [own for own in found.accepted if not own.term.is_line]
     if found.nothing_more < 0.5:
-        more = Sentence("fitting.more_is_missing", count=len(found.accepted), probability=found.nothing_more)
+        more = Sentence("fitting.more_is_missing", count=len(added), probability=found.nothing_more)
         return outcome, [more]
     if outcome in ("unexplained", "ambiguous"):
-        silent = outcome == "unexplained" and not (found.accepted or found.unconfirmed)
+        silent = outcome == "unexplained" and not (added or found.unconfirmed)
         return outcome, [Sentence("fitting.nothing_missing_probability", probability=found.nothing)] if silent else []
     if results[Residual].laws:
         return "unexplained", []

@@ -34,7 +34,7 @@ from fitting.residual.laws import Law
 from fitting.residual.scoring import Score
 from fitting.residual.terms import Term
 from fitting.selection.decision import odds_behind
-from fitting.selection.evidence import log_mean, whitened_parts
+from fitting.selection.evidence import DEAD, log_mean
 from fitting.selection.gains import averaged, orders
 from fitting.selection.priors import CREDIBLE_ODDS, USUAL_EFFORT
 
@@ -165,7 +165,7 @@ def _evidence(apart: FloatArray, rival: Rival, made: FloatArray) -> tuple[float,
     gains, found = [], []
     for term, place in zip(rival.terms, rival.places, strict=True):
         information = apart[place, place]
-        root = whitened_parts(information)
+        root = inverse_root(information, DEAD)
         inverse = root @ root.T
         free = values = inverse @ made[place]
         gain, live = float(np.sum((root.T @ made[place]) ** 2)), root.shape[1]

@@ -20,10 +20,9 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from scipy import linalg
 
 from daq.messages import Sentence
-from fitting.arrays import FloatArray
+from fitting.arrays import FloatArray, unit_gram
 from fitting.regression.design import Design, NoiseModel, whitened
 from fitting.regression.prior import Prior, rows_of_prior
 
@@ -31,7 +30,7 @@ Verdict = Literal["told", "poorly told", "not told", "assumed"]
 
 #: Relative standard deviation above which a parameter is flagged, and above which it is not told at all.
 FLAGGED, HOPELESS = 0.3, 1.0
-_RANK = 1e-9  # of unit columns' singular values: as in the regression
+_RANK = 1e-14  # of the largest eigenvalue of unit columns' products: what is less is rounding
 _CONCERNED = 1e-6  # share of a null direction's norm from which on a parameter takes part in it
 
 
@@ -127,17 +126,11 @@ def parameter_sizes(design: Design, indices: Sequence[int], theta: FloatArray) -
 
 def _variances(G: FloatArray) -> FloatArray:
     """Compute the inverse's diagonal; infinite for parameters in a direction without information."""
-    used = np.flatnonzero(np.diag(G) > 0)
-    result = np.full(len(G), np.inf)
-    if not len(used):
-        return result
-    scale = np.sqrt(np.diag(G)[used])
-    values, vectors = linalg.eigh(G[np.ix_(used, used)] / np.outer(scale, scale), check_finite=False)
-    determined = values > max(_RANK**2 * values[-1], 1e-14 * values[-1])
-    inside = np.sum(vectors[:, determined] ** 2 / values[determined], axis=1) / scale**2
-    concerned = np.sum(vectors[:, ~determined] ** 2, axis=1) > _CONCERNED**2
-    result[used] = np.where(concerned, np.inf, inside)
-    return result
+    unit, size = unit_gram(G)
+    values, vectors = np.linalg.eigh(unit)
+    determined = values > _RANK * values.max(initial=0.0)
+    inside = np.sum(vectors[:, determined] ** 2 / values[determined], axis=1) / size**2
+    return np.where(np.sum(vectors[:, ~determined] ** 2, axis=1) > _CONCERNED**2, np.inf, inside)
 
 
 def statement(found: Sequence[ParameterVerdict]) -> str:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import linalg
 
-from fitting.arrays import BoolArray, FloatArray, IntArray
+from fitting.arrays import BoolArray, FloatArray, IntArray, unit_gram
 
 
 @dataclass(frozen=True)
@@ -115,18 +115,15 @@ def factor(A: FloatArray, extra: int = 0) -> Factor:
     return Factor(Q, R, determined, root)
 
 
-def inverse_root(G: FloatArray) -> FloatArray:
-    """Compute ``U`` (p, rank), ``U U' = G^+`` of columns' products, so that ``A U`` is an orthonormal basis of ``A``.
+def inverse_root(gram: FloatArray, rank: float = 1e-10) -> FloatArray:
+    """Compute ``U`` (p, live), ``U U' = gram^+`` of columns' products, so that ``A U`` is orthonormal.
 
-    Directions below 1e-10 of the largest, for columns of unit size, are undetermined.
+    Directions below ``rank`` of the largest, for columns of unit size, are undetermined.
     """
-    used = np.flatnonzero(np.diag(G) > 0)
-    scale = np.sqrt(np.diag(G)[used])
-    values, vectors = linalg.eigh(G[np.ix_(used, used)] / np.outer(scale, scale), check_finite=False)
-    determined = values > 1e-10 * values[-1] if len(used) else np.zeros(0, dtype=bool)
-    root = np.zeros((len(G), int(determined.sum())))
-    root[used] = vectors[:, determined] / np.sqrt(values[determined]) / scale[:, None]
-    return root
+    unit, size = unit_gram(gram)
+    values, vectors = np.linalg.eigh(unit)
+    live = values > rank * values.max(initial=0.0)
+    return np.asarray(vectors[:, live] / np.sqrt(values[live]) / size[:, None])
 
 
 def solve(rows: Sequence[WhiteRows], extra_names: tuple[str, ...] = ()) -> Fit:

@@ -32,7 +32,7 @@ WIDTHS = (1.0, 2.0, 4.0, 8.0, 16.0)
 #: probable, where the sensors' is as probable beforehand as all others together.
 CLEAR = 2.0 * float(np.log(19.0 * (len(WIDTHS) - 1)))
 _WORSE = 2.0 * float(np.log(19.0))  # rise from which on no wider one is tried: what is probable beyond it is a law
-_FUNCTIONS = 8  # of a spline
+_FUNCTIONS, _RANK = 8, 1e-9  # of a spline; share of the largest from which a direction of columns is one
 _LATE = (1, 2, 4, 8, 16)  # samples by which friction may turn late
 
 
@@ -76,9 +76,10 @@ class _OwnRows:
         own = whitened_joint(design, noise, joint, fitted)
         steady = np.delete(own.A, [first + place for place in self._turning], axis=1)
         free = self._rows(np.column_stack([slopes, self._splines]))
-        self._basis = np.linalg.qr(_sized(np.hstack([steady, free])))[0]
+        directions, sizes, _ = np.linalg.svd(_sized(np.hstack([steady, free])), full_matrices=False)
+        self._basis = directions[:, sizes > _RANK * sizes.max(initial=0.0)]
         self._target = self._beside(own.b[:, None])
-        found = np.linalg.lstsq(own.A, own.b, rcond=1e-9)[0]
+        found = np.linalg.lstsq(own.A, own.b, rcond=_RANK)[0]
         self._friction = max(0.0, float(found[first + names.index("f_c")]))
         self._turns = [np.flatnonzero(np.diff(np.sign(own.v[:, joint])) != 0) for _, own in self._segments]
         pulses = [
@@ -93,8 +94,8 @@ class _OwnRows:
         late = [sign[np.maximum(np.arange(len(sign)) - k, 0)] for k in _LATE]
         parameters, joint = self._design.parameters, self._joint
         drive = np.vstack([drive_columns_of(parameters, own, joint, speed) for _, own in self._segments])
-        A = self._beside(self._rows(np.column_stack([drive[:, self._turning], *late, self._splines * sign[:, None]])))
-        rows = np.hstack([_sized(A), self._target])
+        A = self._rows(np.column_stack([drive[:, self._turning], *late, self._splines * sign[:, None]]))
+        rows = np.hstack([self._beside(_sized(A)), self._target])
         scatter = map(_at_nearest, self._turns, np.split(1.0 - sign**2, self._ends))
         sized = self._of_pulses * self._friction * np.sqrt(np.concatenate(list(scatter)))
         # The rows' covariance is I + S S', S the pulses in their sizes: Woodbury's identity for what its inverse makes.

@@ -11,11 +11,12 @@ import scipy
 
 from fitting.arrays import FloatArray
 from fitting.effects.base import Parity, signal_of
+from fitting.effects.variables import NEIGHBOUR, OWN, values_of
 from fitting.regression.design import effort_residual, full_residual
 from fitting.regression.drive import UNITS, drive_columns, effort_unit
 from fitting.report.joint_words import joint_words
 from fitting.report.model import Course, FrictionCurve, JointDiagnostics, Scatter
-from fitting.residual.laws import NEIGHBOUR, OWN, Law, values_of
+from fitting.residual.laws import Law
 from fitting.residual.simple_formulas import nearest_formula
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model, Term
@@ -176,7 +177,7 @@ def worst_place(model: Model, number: int, joint: int) -> dict[str, Any]:
         x.append(_signal(model, number, index, joint)[moving])
         effort.append((own * np.sign(model.views[index][joint].s) if odd else own)[moving])
     grid, mean = _binned(np.concatenate(x), np.concatenate(effort))
-    most = int(np.argmax(np.abs(mean)))
+    most = int(np.argmax(np.abs(mean) > (1.0 - 1e-9) * np.abs(mean).max()))  # the first of equal ones
     variable, unit = _variable(model, number, joint)
     way = ("more" if mean[most] > 0 else "less") if odd else None
     return {"variable": variable, "at": float(grid[most]), "unit": unit, "friction": way}
@@ -221,7 +222,7 @@ def _binned(x: FloatArray, y: FloatArray, centres: FloatArray | None = None) -> 
     if centres is None:
         edges = np.linspace(x.min(), x.max(), 31)
         centres = 0.5 * (edges[1:] + edges[:-1])
-    half = 0.5 * float(centres[1] - centres[0])
+    half = (0.5 + 1e-9) * float(centres[1] - centres[0])  # an end is in its bin, however it was rounded
     means = np.array([np.mean(y[np.abs(x - c) <= half]) if np.any(np.abs(x - c) <= half) else np.nan for c in centres])
     good = np.isfinite(means)
     if not good.any():

@@ -25,30 +25,11 @@ from fitting.report.languages import NAMES
 #: What signals and texts are called at a joint that is driven directly, and where a rack turns it: a slew motor, of
 #: which nothing slides out that could be worn.
 MOTOR, SLEW = (NAMES["drives"][drive] for drive in ("motor", "slew"))
-#: Units that are written for a piston, at a joint that is turned directly.
-_TURNING = {
-    "m": "rad",
-    "m/s": "rad/s",
-    "m/s^2": "rad/s^2",
-    "N": "N m",
-    "N/s": "N m/s",
-    "N/m": "N m/rad",
-    **{f"N/m^{power}": f"N m/rad^{power}" for power in range(2, 6)},
-    "N/rad": "N m/rad",
-    "N s/m": "N m s/rad",
-    "N s^2/m^2": "N m s^2/rad^2",
-    "N (s/m)^n": "N m (s/rad)^n",
-}
-#: Units that are written for a turning joint, at one that slides.
-_SLIDING = {
-    "rad": "m",
-    "rad/s": "m/s",
-    "N m": "N",
-    "N m/rad": "N/m",
-    **{f"N m/rad^{power}": f"N/m^{power}" for power in range(2, 6)},
-    "kg m^2": "kg",
-    "rad/(N m)": "m/N",
-}
+#: What becomes of a unit that is written for a piston, at a joint that is turned directly: patterns, one after another.
+#: A metre is an angle, but in a torque, in an inertia and of a volume flow.
+_TURNING = ((r"(?<!N )(?<!kg )\bm\b(?!\^3/s)", "rad"), (r"\bN\b(?! m\b)", "N m"))
+#: The same of a unit that is written for a turning joint, at one that slides.
+_SLIDING = ((r"kg m\^2", "kg"), (r"\bN m\b", "N"), (r"\brad\b", "m"), (r"\(N\)", "N"))
 
 
 @dataclass(frozen=True)
@@ -59,12 +40,12 @@ class JointWords:
     ----------
     signals : name of a drive's signal to what it is called at this joint
     texts : text of an effect to its text at this joint
-    units : unit as effects have it to that of this joint
+    units : patterns in a unit as effects have it, one after another, and what stands there at this joint
     """
 
     signals: Mapping[str, str]
     texts: Mapping[str, str]
-    units: Mapping[str, str]
+    units: tuple[tuple[str, str], ...] = ()
 
     def signal(self, name: str) -> str:
         """Word ``piston_position`` for this joint."""
@@ -72,7 +53,9 @@ class JointWords:
 
     def unit(self, unit: str) -> str:
         """Convert ``N/m`` to this joint's unit."""
-        return self.units.get(unit, unit)
+        for pattern, own in self.units:
+            unit = re.sub(pattern, own, unit)
+        return unit
 
     def text(self, text: str) -> str:
         """Word an effect's own text for this joint."""
@@ -81,13 +64,13 @@ class JointWords:
         return text
 
 
-_AS_WRITTEN = JointWords({}, {}, {})
+_AS_WRITTEN = JointWords({}, {})
 
 
 def joint_words(joint: Joint) -> JointWords:
     """Return the words for one joint."""
     if joint.cylinder is not None and joint.cylinder.linkage.type == "rack":
-        return JointWords(**SLEW, units={})
+        return JointWords(**SLEW)
     if joint.cylinder is not None:
         return JointWords({}, {}, _SLIDING) if joint.type == "prismatic" else _AS_WRITTEN
     return JointWords(**MOTOR, units=_TURNING if joint.type == "revolute" else _SLIDING)
@@ -97,7 +80,7 @@ def machine_words(machine: Machine) -> JointWords:
     """Return the words for the whole machine: those of a drive without oil where no joint has a cylinder."""
     if any(joint.cylinder is not None for joint in machine.joints):
         return _AS_WRITTEN
-    return JointWords(**MOTOR, units={})
+    return JointWords(**MOTOR)
 
 
 def own_unit(machine: Machine, joint: int | None, unit: str) -> str:

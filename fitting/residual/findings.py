@@ -11,7 +11,7 @@ import numpy as np
 from fitting.residual.change_points import ChangePoint
 from fitting.residual.confirmation.cross_validation import HeldOut
 from fitting.residual.laws import Law
-from fitting.residual.lines import Line
+from fitting.residual.lines import Line, is_ripple
 from fitting.residual.scoring import Score
 from fitting.residual.terms import Model, Term
 
@@ -155,18 +155,32 @@ class Attribution:
         accepted = tuple(item for item in self.accepted if item.score.term.family not in reasons)
         return replace(self, accepted=accepted, places=places).with_status({f: (status, r) for f, r in reasons.items()})
 
+    def narrowed(self, reasons: Mapping[Family, str]) -> Attribution:
+        """Remove explanations that another one of their place fits better than, on everything: it has their part."""
+        places = list[Place]()
+        for place in self.places:
+            kept = tuple((term, p) for term, p in place if term is None or term.family not in reasons)
+            whole, left = (sum(p for _, p in own) for own in (place, kept))
+            places.append(tuple((term, p * whole / left) for term, p in kept) if left > 0 else kept)
+        return replace(self, places=tuple(places)).with_status({f: ("rejected", r) for f, r in reasons.items()})
+
     def with_status(self, changed: Mapping[Family, tuple[str, str]]) -> Attribution:
         """Set another status and reason in some lines of the table."""
         lines = ((c, *changed.get((c.id, c.joint), (c.status, c.reason))) for c in self.candidates)
         return replace(self, candidates=tuple(replace(c, status=s, reason=r) for c, s, r in lines))
 
+    def _names(self, line: Line) -> bool:
+        """Return whether a line is named although nothing is added: a pump's, above the band."""
+        design = self.base.design
+        return line.frequency_hz > design.bank.bandwidth_hz and is_ripple(design.machine, line)
+
     @property
     def verdict(self) -> str:
         """Verdict of the report by the probabilities that are shown."""
-        if not self.accepted:
+        if all(item.score.term.is_line for item in self.accepted):
             if self.unconfirmed or self.nothing < 0.5:
                 return "unexplained"
-            return "effect_added" if self.lines else "nothing_missing"
+            return "effect_added" if self.accepted or any(map(self._names, self.lines)) else "nothing_missing"
         if any(isinstance(a.score.term.content, Law) for a in self.accepted) or self.nothing_more < 0.5:
             return "unexplained"
         return "ambiguous" if any(a.rivals for a in self.accepted) else "effect_added"

@@ -19,9 +19,10 @@ from scipy import linalg
 from daq.machine.machine_file import Machine
 from fitting.arrays import FloatArray
 from fitting.effects.base import SITES, DriveView, Effect, Shape, gap_lever, has_both_positions
+from fitting.effects.variables import NEIGHBOUR, OWN, parallel_joints
 from fitting.regression.design import Design
 from fitting.regression.noise import Pairing, moving_stretches
-from fitting.residual.laws import NEIGHBOUR, OWN, Law, parallel_joints, varies
+from fitting.residual.laws import Law, varies
 from fitting.residual.terms import Model
 from fitting.residual.views import Views
 from fitting.signals.corrections import Corrections

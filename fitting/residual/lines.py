@@ -26,7 +26,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
+from daq.machine.machine_file import Machine
 from fitting.arrays import FloatArray
+from fitting.effects import line_effect
 from fitting.regression.design import Design
 from fitting.regression.noise import Pairing
 from fitting.residual.levelling import LEAST_SAMPLES, Level, Part, background_worth, levelled, residual_parts, sine_fit
@@ -92,6 +94,11 @@ class Line:
             phases={**self.phases, **{r: phase for r, (_, phase) in more.items()}},
             amplitudes={**self.amplitudes, **{r: amplitude for r, (amplitude, _) in more.items()}},
         )
+
+
+def is_ripple(machine: Machine, line: Line) -> bool:
+    """Return whether a pump can make this line: only where oil acts on the joint."""
+    return line_effect().applies(machine, line.joint)
 
 
 @dataclass(frozen=True)

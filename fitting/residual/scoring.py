@@ -13,7 +13,7 @@ A direction of ``S`` that survives with less than 1e-4 of its norm is rounding o
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, MutableMapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -130,6 +130,16 @@ class Score:
         return values if self.null is None else values + self.taken * self.null.bias
 
 
+class _InMemory(dict[int | None, FloatArray]):
+    """Arrays in memory, as :class:`daq.scratch.ScratchArrays` has them in a file."""
+
+    def rows(self, place: int | None, rows: slice) -> FloatArray:
+        return self[place][rows]
+
+    def put_rows(self, place: int | None, start: int, values: FloatArray) -> None:
+        self[place][start : start + len(values)] = values
+
+
 class Candidates:
     """Candidate terms with their whitened columns in the rows of one design.
 
@@ -137,21 +147,29 @@ class Candidates:
     columns are good enough to see who matters, and :meth:`refresh` makes the columns of those anew.
     """
 
-    def __init__(self, model: Model, terms: Sequence[Term], grid: Sequence[int]) -> None:
-        """Build the columns; ``grid[i]`` is the size of the grid that candidate ``i`` was picked from."""
+    def __init__(self, model: Model, terms: Sequence[Term], grid: Sequence[int], once: bool = False) -> None:
+        """Build the columns; ``grid[i]`` is the size of the grid that candidate ``i`` was picked from.
+
+        Where they are scored ``once``, beside this model alone, columns are made when they are looked at, and not kept.
+        """
         self.terms, self.grid = tuple(terms), tuple(grid)
         self._widths = [term.width for term in self.terms]
         groups: dict[int | None, list[int]] = {}
         for number, term in enumerate(self.terms):
             groups.setdefault(term.place, []).append(number)
         self._groups = dict(sorted(groups.items(), key=lambda own: own[0] is not None))  # what acts on all joints first
+        self._starts: dict[int | None, dict[int, int]] = {}
+        for place, own in self._groups.items():
+            ends = np.cumsum([self._widths[n] for n in own]).tolist()
+            self._starts[place] = dict(zip(own, [0, *ends[:-1]], strict=True))
         rows: dict[int | None, int] = dict(enumerate(map(len, model.fit.residual)))
         rows[None] = sum(rows.values())
         size = sum(self._widths[n] * rows[place] for place, own in self._groups.items() for n in own)
-        self._columns: MutableMapping[int | None, FloatArray] = ScratchArrays() if size > _MOST_NUMBERS else {}
+        self._columns = ScratchArrays() if size > _MOST_NUMBERS else _InMemory()  # by place: a row for each column
         self._grams: dict[int, FloatArray] = {}  # of each candidate's own columns: no model changes them
-        for place, numbers in self._groups.items():
-            self._columns[place] = self._built(model, place, numbers)
+        self._only = model if once else None
+        for place, numbers in () if once else self._groups.items():
+            self._columns[place] = self._built(model, place, numbers).T
 
     def follow(self, before: Model, model: Model) -> None:
         """Make the columns anew of joints whose effort was moved, or whose noise is another, since ``before``."""
@@ -164,7 +182,7 @@ class Candidates:
         }
         for place, numbers in self._groups.items():
             if place in changed or (place is None and changed):
-                self._columns[place] = self._built(model, place, numbers)
+                self._columns[place] = self._built(model, place, numbers).T
 
     def refresh(self, model: Model, numbers: Collection[int]) -> list[int]:
         """Make the columns of these candidates anew, from the model's present forces; return those that hold any."""
@@ -173,10 +191,10 @@ class Candidates:
             stale = [n for n in own if n in numbers and self.terms[n].uses_model]
             if not stale:
                 continue
-            fresh = self._built(model, place, stale)
-            columns = self._columns[place]
-            columns[:, self._into(place, stale)] = fresh
-            self._columns[place] = columns
+            fresh, done = self._built(model, place, stale).T, 0
+            for run in self._runs(place, stale):
+                self._columns.put_rows(place, run.start, fresh[done : done + run.stop - run.start])
+                done += run.stop - run.start
             all_stale += stale
         return all_stale
 
@@ -187,7 +205,7 @@ class Candidates:
             asked = group if numbers is None else [n for n in group if n in numbers]
             if not asked:
                 continue
-            C = self._columns[place] if len(asked) == len(group) else self._of(place, asked)
+            C = self._of(place, asked)
             if place is None:
                 Q, residual = np.vstack(model.fit.orthonormal), np.concatenate(model.fit.residual)
             else:
@@ -252,24 +270,27 @@ class Candidates:
 
     def _of(self, place: int | None, numbers: Sequence[int]) -> FloatArray:
         """Return these candidates' columns in a row; all act at this place."""
-        return np.asarray(self._columns[place][:, self._into(place, numbers)])
+        if self._only is not None:
+            return self._built(self._only, place, numbers)
+        parts = [self._columns.rows(place, run) for run in self._runs(place, numbers)]
+        return parts[0].T if len(parts) == 1 else np.concatenate(parts).T
 
-    def _into(self, place: int | None, numbers: Sequence[int]) -> IntArray:
-        """Return the places of these candidates' columns among their place's."""
-        group = self._groups[place]
-        starts = dict(zip(group, np.cumsum([0, *(self._widths[n] for n in group)]).tolist(), strict=False))
-        return np.concatenate([np.arange(starts[n], starts[n] + self._widths[n]) for n in numbers])
+    def _runs(self, place: int | None, numbers: Sequence[int]) -> Iterator[slice]:
+        """List the runs of these candidates' columns among their place's."""
+        starts, start, stop = self._starts[place], 0, 0
+        for n in numbers:
+            if starts[n] != stop:
+                if stop > start:
+                    yield slice(start, stop)
+                start = starts[n]
+            stop = starts[n] + self._widths[n]
+        yield slice(start, stop)
 
     def _built(self, model: Model, place: int | None, numbers: Sequence[int]) -> FloatArray:
         joints = range(len(model.views[0])) if place is None else range(place, place + 1)
         ends = np.cumsum([len(model.fit.residual[joint]) for joint in joints])
-        block = np.empty((int(ends[-1]), sum(self._widths[n] for n in numbers)))
-        column = 0
-        for batch in _batches(numbers, self._widths):
-            width = sum(self._widths[n] for n in batch)
-            out = np.split(block[:, column : column + width], ends[:-1])
-            _white_columns(model, [self.terms[n] for n in batch], joints, out)
-            column += width
+        block = np.empty((sum(self._widths[n] for n in numbers), int(ends[-1]))).T
+        _white_columns(model, [self.terms[n] for n in numbers], joints, np.split(block, ends[:-1]))
         for views in model.views:
             for view in views:
                 view.cache.clear()  # what shapes shared is of no use any more
@@ -307,32 +328,37 @@ def white_columns(model: Model, term: Term) -> tuple[FloatArray, npt.NDArray[np.
     return out, unloaded
 
 
-def _batches(numbers: Sequence[int], widths: Sequence[int]) -> Iterator[list[int]]:
-    """Group candidates by about so many columns."""
-    batch: list[int] = []
-    for number in numbers:
-        batch.append(number)
-        if sum(widths[n] for n in batch) >= _BATCH_COLUMNS:
-            yield batch
-            batch = []
+def _batches(terms: Sequence[Term]) -> Iterator[tuple[list[Term], slice]]:
+    """Group terms by about so many columns as are built at once, each with its columns' place."""
+    batch, start, end = list[Term](), 0, 0
+    for term in terms:
+        batch.append(term)
+        end += term.width
+        if end - start >= _BATCH_COLUMNS:
+            yield batch, slice(start, end)
+            batch, start = [], end
     if batch:
-        yield batch
+        yield batch, slice(start, end)
 
 
 def _white_columns(model: Model, terms: Sequence[Term], joints: range, out: Sequence[FloatArray]) -> None:
     """Write whitened columns of terms in these joints' rows, in the fit's order, into ``out`` per joint."""
-    design, ends = model.design, [0] * len(joints)
+    design, ends, batches = model.design, [0] * len(joints), list(_batches(terms))
     for index in model.fitted:
-        columns = [term.columns(model.views[index]) for term in terms]
-        for number, joint in enumerate(joints):
-            full = np.empty((len(design.segments[index]), out[number].shape[1]), order="F")
-            start = 0
-            for term, own in zip(terms, columns, strict=True):
-                full[:, start : start + own.shape[-1]] = own[:, joint] if term.everywhere else own
-                start += own.shape[-1]
-            white = design.white(model.noise, joint, index, design.bank.reduce(full))
-            out[number][ends[number] : ends[number] + len(white)] = white
-            ends[number] += len(white)
+        views, segment = model.views[index], design.segments[index]
+        whitenings = [model.noise.of(joint, segment.loaded) for joint in joints]
+        kept = [np.flatnonzero(design.kept(model.noise, joint, index)) for joint in joints]
+        rows = [slice(end, end + len(own)) for end, own in zip(ends, kept, strict=True)]
+        for batch, part in batches:
+            columns = [term.columns(views) for term in batch]
+            for number, joint in enumerate(joints):
+                full = np.empty((len(segment), part.stop - part.start), order="F")
+                start = 0
+                for term, own in zip(batch, columns, strict=True):
+                    full[:, start : start + own.shape[-1]] = own[:, joint] if term.everywhere else own
+                    start += own.shape[-1]
+                out[number][rows[number], part] = whitenings[number](design.bank.reduce(full))[kept[number]]
+        ends = [own.stop for own in rows]
     for joint, own, end in zip(joints, out, ends, strict=True):
         own[end:] = 0.0  # a prior's row knows nothing of candidates, but for a delay's
         _prior_of_delays(model, terms, joint, own)

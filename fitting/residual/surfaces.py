@@ -18,7 +18,8 @@ import scipy
 
 from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView
-from fitting.residual.laws import OWN_FORCE, THROUGH_THE_ARM, Law, values_of, varies
+from fitting.effects.variables import values_of
+from fitting.residual.laws import OWN_FORCE, THROUGH_THE_ARM, Law, varies
 from fitting.residual.scoring import Score, score_terms
 from fitting.residual.terms import Model, Term
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import TypeVar
@@ -78,6 +78,32 @@ def by_formula(rated: Sequence[Rated]) -> list[Rated]:
     return sorted(result, key=lambda r: -r.log_odds)
 
 
+def here(rated: Sequence[Rated]) -> list[Rated]:
+    """List explanations at the joint of the best, and what acts everywhere; all where the best does."""
+    best = rated[0].term
+    return [r for r in rated if r.term.joint == best.joint or r.term.everywhere or best.everywhere]
+
+
+def instead(rated: Sequence[Rated], beside: Mapping[Family, float]) -> list[Rated]:
+    """List explanations of what one term explains, best first: at other joints as far as they are nothing beside it.
+
+    Of ``B`` at another joint either is there alone, or both: ``P(A) = o_A (1 + o_BA) / (1 + o_B + o_A (1 + o_BA))``.
+
+    Parameters
+    ----------
+    rated : beside the model without the term
+    beside : log odds of families beside the model with it
+    """
+    own = here(rated)
+    there = {family(r.term) for r in own}
+    others = [(r, beside.get(family(r.term), -np.inf)) for r in rated if family(r.term) not in there]
+    both = np.logaddexp.reduce([0.0, *(odds for _, odds in others)])
+    alone = [
+        replace(r, log_odds=r.log_odds + np.log(-np.expm1(o - r.log_odds)) - both) for r, o in others if o < r.log_odds
+    ]
+    return sorted([*own, *alone], key=lambda r: -r.log_odds)
+
+
 def tempered(rated: Sequence[Rated]) -> list[tuple[Rated, float]]:
     """Compute log odds of explanations of one place, best first; names differ as far as formulas hold.
 
@@ -88,9 +114,7 @@ def tempered(rated: Sequence[Rated]) -> list[tuple[Rated, float]]:
     """
     if not rated:
         return []
-    best = rated[0].term
-    here = (r for r in rated if r.term.joint == best.joint or r.term.everywhere or best.everywhere)
-    near = [r for r in here if r.log_odds > 0] or [rated[0]]
+    near = [r for r in rated if r.log_odds > 0] or [rated[0]]
     head = next((r for r in near if isinstance(r.term.content, Effect)), near[0])
     series = isinstance(head.term.content, Effect) and head.term.content.series
     odds = np.array([r.log_odds for r in near])
@@ -130,24 +154,29 @@ def tempering(gain: float | FloatArray) -> FloatArray:
     return np.asarray(1.0 / (1.0 + np.array(priors.EPSILONS) ** 2 * gain / priors.CLOSE))
 
 
-def decided(rated: Sequence[Rated], there: bool = False) -> Rated:
+def decided(rated: Sequence[Rated], there: Family | None = None) -> Rated:
     """Decide what to report of explanations of a place: the best name, unless laws are too probable beside all names.
 
-    A name reported alone has to be as probable as anything that is reported; several names, or one that is
-    ``there`` already, may leave laws a fifth.
+    ``there`` is what has the place already.
     """
-    head = rated[0]
-    if isinstance(head.term.content, Law):
-        return head
-    near = tempered(rated)
+    near = tempered(here(rated))
     laws = [(r, odds) for r, odds in near if isinstance(r.term.content, Law)]
-    if not laws:
-        return head
-    names = [odds for r, odds in near if not isinstance(r.term.content, Law)]
-    alone = max(names) > log_sum(names) + np.log(priors.CREDIBLE)
-    wanted = priors.CREDIBLE if alone and not there else priors.NAMED
-    known = log_sum([odds for _, odds in near])
-    return laws[0][0] if log_sum([odds for _, odds in laws]) > known + np.log(1 - wanted) else head
+    names = [(r, odds) for r, odds in near if not isinstance(r.term.content, Law)]
+    if not laws or not names:
+        return rated[0]
+    known = log_sum([own for _, own in near])
+    named, unknown = ([float(np.exp(own - known)) for _, own in part] for part in (names, laws))
+    beaten = laws_win(max(named), sum(named), sum(unknown), family(names[0][0].term) == there)
+    return (laws if beaten else names)[0][0]
+
+
+def laws_win(name: float, names: float, laws: float, there: bool = False) -> bool:
+    """Return whether laws are too probable together beside names: by the best one's probability, all names', all laws'.
+
+    A name alone has to be as probable as anything that is reported, one that is ``there`` may leave laws a fifth.
+    """
+    wanted = priors.CREDIBLE if name > priors.CREDIBLE * names and not there else priors.NAMED
+    return laws > (1.0 - wanted) * (names + laws)
 
 
 #: Alternatives of one place that are named.
@@ -178,7 +207,7 @@ class Slot:
 
     @classmethod
     def of(cls, item: Accepted, rated: Sequence[Rated]) -> Slot:
-        """Compute the slot from posterior odds beside everything else."""
+        """Compute the slot from posterior odds beside everything else (:func:`instead`), best first."""
         near = tempered(rated)
         rated, log_odds = [r for r, _ in near], np.array([odds for _, odds in near])
         total = float(np.logaddexp.reduce(np.append(log_odds, 0.0)))
@@ -225,9 +254,17 @@ def needed(alternatives: Iterable[tuple[Kind, float]], reached: float) -> list[t
     return result
 
 
-def open_place(rated: Sequence[Rated]) -> Place:
-    """Return the one question where nothing was added: what may be missing, or nothing."""
-    total = float(np.logaddexp.reduce([0.0, *(r.log_odds for r in rated)]))
+def nothing_more(rated: Sequence[Rated]) -> float:
+    """Return the probability that nothing more is missing beside the model that all candidates are rated beside."""
+    return float(np.exp(-np.logaddexp.reduce([0.0, *(r.log_odds for r in rated)])))
+
+
+def open_place(rated: Sequence[Rated], unknown: Iterable[float] = ()) -> Place:
+    """Return the one question where nothing was added: what may be missing, or nothing.
+
+    Of what was refused its log odds are ``unknown``: they count against nothing, and are no explanation.
+    """
+    total = float(np.logaddexp.reduce([0.0, *(r.log_odds for r in rated), *unknown]))
     found = [(r.term, float(np.exp(r.log_odds - total))) for r in rated[:MOST_LISTED]]
     return ((None, float(np.exp(-total))), *found)
 

@@ -28,7 +28,7 @@ import numpy.typing as npt
 import scipy
 from scipy import linalg
 
-from fitting.arrays import FloatArray, IntArray
+from fitting.arrays import FloatArray, IntArray, unit_gram
 from fitting.residual.confirmation.local import Local
 from fitting.selection import priors
 
@@ -166,19 +166,11 @@ def formula_gains(gram: FloatArray, products: FloatArray, curves: FloatArray) ->
     half = np.einsum("tij,tfja->tfia", gram, curves, optimize=True)
     H = np.einsum("tfia,tfib->tfab", curves, half, optimize=True)
     h = np.einsum("tfia,ti->tfa", curves, products, optimize=True)
-    norms = np.sqrt(np.maximum(np.einsum("tfaa->tfa", H), 1e-300))
-    values, vectors = np.linalg.eigh(H / (norms[..., :, None] * norms[..., None, :]))
-    live = (values > DEAD) & (norms.max(axis=-1, keepdims=True) > 1e-100)
-    turned = np.einsum("tfab,tfa->tfb", vectors, h / norms)
-    return np.sum(np.where(live, turned**2 / np.where(live, values, 1.0), 0.0), axis=-1), np.sum(live, axis=-1)
-
-
-def whitened_parts(gram: FloatArray) -> FloatArray:
-    """Compute the root (k, live) of parameters of unit visible contribution: ``root' gram root = I``."""
-    norms = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    values, vectors = np.linalg.eigh(gram / np.outer(norms, norms))
+    unit, size = unit_gram(H)
+    values, vectors = np.linalg.eigh(unit)
     live = values > DEAD
-    return np.asarray(vectors[:, live] / np.sqrt(values[live]) / norms[:, None])
+    turned = np.einsum("tfab,tfa->tfb", vectors, h / size)
+    return np.sum(np.where(live, turned**2 / np.where(live, values, 1.0), 0.0), axis=-1), np.sum(live, axis=-1)
 
 
 def joint_evidence(

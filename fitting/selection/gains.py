@@ -6,11 +6,12 @@ import numpy as np
 
 from fitting.arrays import FloatArray
 from fitting.effects.bounds import inside, limits
+from fitting.regression.solving import inverse_root
 from fitting.residual.laws import Law
 from fitting.residual.scoring import Score
 from fitting.residual.terms import Model
 from fitting.selection import priors
-from fitting.selection.evidence import least_gain, log_sum, named_evidence, whitened_parts
+from fitting.selection.evidence import DEAD, least_gain, log_sum, named_evidence
 
 
 def averaged(gain: FloatArray, live: FloatArray, limits: FloatArray) -> FloatArray:
@@ -31,7 +32,7 @@ def orders(score: Score) -> list[tuple[float, int]]:
     result = []
     for order in range(1, len(score.values)):
         gram, own = score.information[:order, :order], products[:order]
-        root = whitened_parts(gram)
+        root = inverse_root(gram, DEAD)
         if root.shape[1]:
             bounded = inside((low[:order], high[:order]), gram, own, root @ (root.T @ own))
             result.append((float(np.sum((root.T @ own) ** 2)) if bounded is None else bounded.gain, root.shape[1]))

@@ -20,20 +20,13 @@ from scipy.linalg import block_diag
 from fitting.arrays import FloatArray
 from fitting.effects import effects
 from fitting.effects.base import Effect, Shape
+from fitting.regression.solving import inverse_root
 from fitting.residual.findings import LEAST
 from fitting.residual.kinematics import GapColumns, GapLaw, GapRows, GapScore, gap_columns, gap_laws, with_unsure
 from fitting.residual.terms import Term
 from fitting.selection import priors
-from fitting.selection.decision import needed
-from fitting.selection.evidence import (
-    DEAD,
-    bayes_factor,
-    curve_evidence,
-    curve_roots,
-    log_mean,
-    log_sum,
-    whitened_parts,
-)
+from fitting.selection.decision import laws_win, needed
+from fitting.selection.evidence import DEAD, bayes_factor, curve_evidence, curve_roots, log_mean, log_sum
 
 #: Sets whose discrepancies and laws are looked at, by what their formulas alone are worth, beside every single name.
 _NEAR = 6
@@ -101,7 +94,8 @@ class GapConclusion:
     ----------
     chosen : the set that it is a member of
     name : as :attr:`GapSet.names` has it
-    probability : that it is this; ``rivals`` what else may be in its place, with probabilities
+    probability : that it is this; ``rivals`` which other effects may be in its place, with probabilities
+    laws : which laws may, the most probable first
     """
 
     chosen: GapSet
@@ -109,11 +103,14 @@ class GapConclusion:
     part: GapColumns | None
     probability: float
     rivals: tuple[tuple[str, float], ...]
+    laws: tuple[tuple[str, float], ...]
+    names: float
+    """Probability of any effect in its place."""
 
     @property
-    def effects(self) -> tuple[tuple[str, float], ...]:
-        """The rivals that are effects, and no laws."""
-        return tuple((name, p) for name, p in self.rivals if "/" not in name)
+    def beaten(self) -> bool:
+        """True of an effect beside which laws are too probable."""
+        return self.part is not None and laws_win(self.probability, self.names, sum(p for _, p in self.laws))
 
 
 @dataclass(frozen=True)
@@ -135,10 +132,21 @@ class GapPosterior:
             if absent[worst] <= 1.0 - priors.CREDIBLE:
                 break
             best = next(own for own, _ in self.sets if set(own.names) <= set(best.names) - {worst})
-        return tuple(self._conclusion(best, name) for name in best.names)
+        concluded = tuple(self._conclusion(best, name) for name in best.names)
+        for name, law in ((one.name, one.laws[0][0]) for one in concluded if one.beaten):
+            wanted = {law, *best.names} - {name}
+            other = next((own for own, _ in self.sets if law in own.names and set(own.names) <= wanted), None)
+            if other is not None:
+                return tuple(self._conclusion(other, name) for name in other.names)
+        return concluded
+
+    def without(self, names: Collection[str]) -> GapPosterior:
+        """Return what is left where sets with one of these names were refused: what speaks for them is there."""
+        left = tuple((own, p) for own, p in self.sets if not set(own.names) & set(names))
+        return replace(self, sets=left or ((GapSet(), 0.0),))
 
     def _conclusion(self, best: GapSet, name: str) -> GapConclusion:
-        """Conclude on one member of the best set, with its rivals in other sets until they reach 95 % together."""
+        """Conclude on one member of a set, with its rivals in other sets until they reach 95 % together."""
         part = next((part for part in best.parts if part.effect.id == name), None)
         own, others = 0.0, dict[str, float]()
         for other, p in self.sets:
@@ -148,7 +156,9 @@ class GapPosterior:
             for instead in (n for n in other.names if n not in best.names):
                 others[instead] = others.get(instead, 0.0) + p
         listed = sorted(((rival, p) for rival, p in others.items() if p >= LEAST), key=lambda pair: -pair[1])
-        return GapConclusion(best, name, part, own, tuple(needed(listed, own)))
+        laws, effects = ([pair for pair in listed if ("/" in pair[0]) is law] for law in (True, False))
+        named = sum(p for _, p in effects) + (0.0 if part is None else own)
+        return GapConclusion(best, name, part, own, tuple(needed(effects, own)), tuple(laws), named)
 
     def scores(self, chosen: GapSet) -> tuple[GapScore, ...]:
         """Fit a set's effects jointly, with the chi-square that each takes beside the other."""
@@ -275,7 +285,7 @@ class _Evidence:
         places = (np.arange(a, b) for a, b in pairwise(ends))
         self._own, self._beyond, self._rates, self._unsure = ([next(places) for _ in self.parts] for _ in range(4))
         self._of_law = list(places)
-        self._slow = [whitened_parts(self._gram[np.ix_(own, own)]) for own in self._rates]
+        self._slow = [inverse_root(self._gram[np.ix_(own, own)], DEAD) for own in self._rates]
         self._sizes = priors.amplitudes(float(np.sqrt(self._gram[0, 0])))
 
     def _is_compliance(self, part: GapColumns) -> bool:

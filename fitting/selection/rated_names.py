@@ -10,6 +10,7 @@ from scipy.linalg import block_diag
 from fitting.arrays import FloatArray, IntArray
 from fitting.effects.base import Effect, Parity, signal_of
 from fitting.effects.bounds import limits
+from fitting.regression.solving import inverse_root
 from fitting.residual.laws import Law
 from fitting.residual.scoring import Score
 from fitting.residual.surfaces import Surface
@@ -17,6 +18,7 @@ from fitting.residual.terms import Term
 from fitting.selection import priors
 from fitting.selection.decision import Family, Rated, family
 from fitting.selection.evidence import (
+    DEAD,
     curve_evidence,
     curve_roots,
     joint_evidence,
@@ -24,7 +26,6 @@ from fitting.selection.evidence import (
     log_means,
     log_sum,
     named_evidence,
-    whitened_parts,
 )
 from fitting.selection.gains import Sizes, averaged, orders
 from fitting.selection.trust import Trust
@@ -187,7 +188,7 @@ class RatedNames:
         effect = score.term.content
         assert isinstance(effect, Effect)
         low, high = (bound[numbers] for bound in limits(effect))
-        own = whitened_parts(S[: len(numbers), : len(numbers)])
+        own = inverse_root(S[: len(numbers), : len(numbers)], DEAD)
         k = own.shape[1]
         if k == 0:
             return -np.inf
@@ -200,7 +201,7 @@ class RatedNames:
         parts, start = [own[None]], len(numbers)
         for width in widths:
             block = S[start : start + width, start : start + width]
-            roots = curve_roots(width, priors.LENGTHS) if width >= LEAST_CURVE else whitened_parts(block)[None]
+            roots = curve_roots(width, priors.LENGTHS) if width >= LEAST_CURVE else inverse_root(block, DEAD)[None]
             seen = np.einsum("lia,ij,lja->l", roots, block, roots) * len(widths)
             parts.append(roots / np.sqrt(np.maximum(seen, 1e-300))[:, None, None])
             start += width

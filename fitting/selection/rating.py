@@ -207,15 +207,17 @@ class Ratings:
     ----------
     base : joint fit of the base model
     draws : of replicas, which take the bias of noisy regressors off contenders
+    once : they are rated beside the base alone
     """
 
-    def __init__(self, base: Model, draws: Draws) -> None:
+    def __init__(self, base: Model, draws: Draws, once: bool = False) -> None:
         terms, grid = catalogue_terms(base, effects())
         laws, law_grid = law_terms(base)
         joints = range(len(base.design.machine.joints))
         twists = [Term(law, joint) for joint in joints for law in surfaces(base, joint, twist=True)]
         self.draws = draws
-        self._candidates = Candidates(base, [*terms, *laws, *twists], [*grid, *law_grid, *[len(twists)] * len(twists)])
+        grid += [*law_grid, *[len(twists)] * len(twists)]
+        self._candidates = Candidates(base, [*terms, *laws, *twists], grid, once)
         self._scored = _Scored(base, self._candidates.scores(base))
         self._before = self._scored  # beside the model that the last term was added to
         self._fresh: set[int] = set()  # candidates whose columns were made anew since

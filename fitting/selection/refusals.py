@@ -31,6 +31,7 @@ class Refusals:
         two of eight runs of seals lose the right name
     left : per joint, what is left of the log odds of refused names: something that is not known. A name has to be more
         probable than that; without it a force with another sign on `validate` gets a name
+    unknown : of these, what rows that were left out of the fit confirm: nothing is the less probable for it
     unconfirmed : laws that did not hold elsewhere
     """
 
@@ -40,6 +41,7 @@ class Refusals:
         self.worse: set[tuple[frozenset[Family], Family]] = set()
         self.laws: set[int | None] = set()
         self.left: dict[int | None, float] = {}
+        self.unknown: dict[int | None, float] = {}
         self.unconfirmed: list[Unconfirmed] = []
 
     def add(self, choice: Rated, answer: Answer, there: Sequence[Term]) -> None:
@@ -56,18 +58,23 @@ class Refusals:
             found = answer.found
             self.unconfirmed.append(Unconfirmed(score, found.held_out, found.validate_gain or 0.0))
         elif not answer.worse:
-            joint = score.term.joint
-            self.left[joint] = max(answer.left_of(choice.log_odds), self.left.get(joint, 0.0))
+            joint, left = score.term.joint, answer.left_of(choice.log_odds)
+            self.left[joint] = max(left, self.left.get(joint, 0.0))
+            if answer.found.held_out.confirmed > CONFIRMED:
+                self.unknown[joint] = max(left, self.unknown.get(joint, left))
 
-    def without(self, rated: Sequence[Rated], there: Sequence[Term], settled: bool) -> list[Rated]:
+    def without(
+        self, rated: Sequence[Rated], there: Sequence[Term], settled: bool, own: Family | None = None
+    ) -> list[Rated]:
         """List the explanations that may be beside some terms: not one of them, and not closed.
 
-        What was dropped is closed until the search has settled: then it is an alternative again.
+        What was dropped is closed until the search has settled: then it is an alternative again. What has its ``own``
+        place there is not closed by what was refused beside it.
         """
         beside = frozenset(map(family, there))
         closed = beside | self.names | {name for terms, name in self.worse if terms == beside}
         closed |= set() if settled else self.dropped
-        return [r for r in rated if family(r.term) not in closed and self._is_open(r)]
+        return [r for r in rated if family(r.term) == own or (family(r.term) not in closed and self._is_open(r))]
 
     def _is_open(self, rated: Rated) -> bool:
         """Return whether nothing that was refused at its joint is against a law, or a name of these odds."""
@@ -85,7 +92,7 @@ class Refusals:
         best: dict[int | None, Unconfirmed] = {}
         for item in self.unconfirmed:
             joint = item.score.term.joint
-            if joint is None or any(_gains_at(found.score, joint) for found in accepted):
+            if joint is None or any(_gains_at(a.score, joint) for a in accepted if not a.score.term.is_line):
                 continue
             left = signals.misfit(model, joint)
             shared = left.z > SHARED_Z and left.excess > SHARED * item.score.gain

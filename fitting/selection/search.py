@@ -22,7 +22,8 @@ from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model
 from fitting.selection import priors
 from fitting.selection.confirm import Gate, Signals
-from fitting.selection.decision import Rated, Slot, decided, family, open_place
+from fitting.selection.decision import Family as Kind
+from fitting.selection.decision import Rated, Slot, decided, family, instead, nothing_more, open_place
 from fitting.selection.evidence import least_gain
 from fitting.selection.gains import margin
 from fitting.selection.rating import Ratings, at_best_shape
@@ -88,13 +89,15 @@ class Search:
         self.attempt(decided(self.ratings.at_best_shapes(rated)))
         return True
 
-    def beside(self, model: Model, there: Sequence[Accepted], surfaces: Sequence[Score] = ()) -> list[Rated]:
+    def beside(
+        self, model: Model, there: Sequence[Accepted], surfaces: Sequence[Score] = (), own: Kind | None = None
+    ) -> list[Rated]:
         """Rate what may be beside a model of what is ``there``, best first: neither in it nor rejected.
 
-        ``surfaces`` are rated as well: they are no candidates.
+        ``surfaces`` are rated as well: they are no candidates. ``own`` has its place there.
         """
         rated = self.ratings.rated(model, _visible(model, there), self.settled, surfaces)
-        return self.refusals.without(rated, model.terms, self.settled)
+        return self.refusals.without(rated, model.terms, self.settled, own)
 
     def attempt(self, choice: Rated) -> None:
         """Add the choice, its shape searched, if nothing is against it elsewhere."""
@@ -123,8 +126,7 @@ class Search:
         Here gains are divided by how much noisier the rows that show them are in what the model leaves.
         """
         self._without_needless_lines()
-        self.settled = True
-        self.slots = []
+        self._at_rest()
         for number in range(self.known, len(self.accepted)):
             slot = self._slot(number)
             if slot.moved:
@@ -136,10 +138,16 @@ class Search:
     def settle(self) -> None:
         """Hold every term that is left against all others in its place, and drop what is improbable."""
         if not self.settled:  # rounds are over, and no place was at rest
-            self.settled = True
+            self._at_rest()
             self.slots = [self._slot(n, final=True) for n in range(self.known, len(self.accepted))]
         self._without_improbable()
         if not self.slots:
+            self.open = self.beside(self.model, self.accepted)
+
+    def _at_rest(self) -> None:
+        """Rate what may be beside the model, before its places are looked at."""
+        self.settled, self.slots = True, []
+        if len(self.accepted) > self.known:
             self.open = self.beside(self.model, self.accepted)
 
     def _without_improbable(self) -> None:
@@ -176,14 +184,13 @@ class Search:
         model = self.signals.refit(rest) if known is None else known
         own, content = family(item.score.term), item.score.term.content
         surfaces = [item.score] if isinstance(content, Surface) and not content.twist else []  # twists are candidates
-        rated = self.ratings.at_best_shapes(self.beside(model, others, surfaces))
-        slot = Slot.of(item, rated)
-        named = isinstance(content, Effect)
-        choice = decided(rated, there=named) if rated and slot.nothing <= 1 - priors.CREDIBLE else None
-        instead = frozenset([*map(family, rest), *([] if choice is None else [family(choice.term)])])
-        if final or instead in self.held or (choice is not None and family(choice.term) == own):
+        rated = self.ratings.at_best_shapes(self.beside(model, others, surfaces, own))
+        slot = Slot.of(item, instead(rated, {family(r.term): r.log_odds for r in self.open}) if rated else [])
+        choice = decided(rated, own) if rated and slot.nothing <= 1 - priors.CREDIBLE else None
+        leads_to = frozenset([*map(family, rest), *([] if choice is None else [family(choice.term)])])
+        if final or leads_to in self.held or (choice is not None and family(choice.term) == own):
             return slot
-        self.held.add(instead)
+        self.held.add(leads_to)
         self.accepted, self.model = others, model
         if choice is None:
             self.refusals.dropped.add(own)
@@ -223,7 +230,9 @@ class Search:
             (),
             self.refusals.open_questions(self.signals, self.model, self.accepted),
             places=self._places(),
-            nothing_more=self.rate_nothing() if len(self.accepted) - self.known >= priors.MOST else 1.0,
+            nothing_more=nothing_more(self.beside(self.model, self.accepted))
+            if len(self.accepted) - self.known >= priors.MOST
+            else 1.0,
         )
 
     def _places(self) -> tuple[Place, ...]:
@@ -231,13 +240,7 @@ class Search:
         dropped = {slot.item.score.term.family for slot in self.dropped}
         left = [tuple((t, p) for t, p in s.place if t is None or t.family not in dropped) for s in self.dropped]
         asked = [slot.place for slot in self.slots]
-        return (*asked, *left) if asked or left else (open_place(self.open),)
-
-    def rate_nothing(self) -> float:
-        """Rate all candidates beside the model: the probability that nothing more is missing."""
-        self.settled = True
-        self.open = self.beside(self.model, self.accepted)
-        return float(np.exp(-np.logaddexp.reduce([0.0, *(r.log_odds for r in self.open)])))
+        return (*asked, *left) if asked or left else (open_place(self.open, self.refusals.unknown.values()),)
 
     def _record(self, rated: Sequence[Rated]) -> None:
         """Note each family's status, unless it already has one."""

@@ -90,14 +90,13 @@ class FilterBank:
         values = np.asarray(values, dtype=float)
         # Derivatives of (values - start) are the same and keep more digits.
         centred = values - values[0]
-        kernels = np.stack([self.value, self.first, self.second])
-        zeroth, first, second = scipy.signal.oaconvolve(centred[None, :], kernels, mode="valid", axes=1)
+        zeroth, first, second = (np.convolve(centred, k, "valid") for k in (self.value, self.first, self.second))
         return zeroth + values[0], first, second
 
     def smoothed(self, values: npt.ArrayLike) -> FloatArray:
         """Return the smoothed values of :meth:`smooth` alone."""
         values = np.asarray(values, dtype=float)
-        return np.asarray(scipy.signal.oaconvolve(values - values[0], self.value, mode="valid") + values[0])
+        return np.asarray(np.convolve(values - values[0], self.value, "valid") + values[0])
 
     def trimmed(self, values: npt.ArrayLike) -> FloatArray:
         """Return the unfiltered samples beside the output of :meth:`smooth`."""
@@ -109,8 +108,7 @@ class FilterBank:
         values = np.asarray(values, dtype=float)
         out = np.gradient(values, 1.0 / self.rate_hz, axis=0)
         if len(values) >= len(_FIRST):
-            inner = scipy.signal.convolve(values, _FIRST[::-1] * self.rate_hz, mode="valid")
-            out[4 : len(values) - 4] = inner
+            out[4 : len(values) - 4] = np.convolve(values, _FIRST[::-1] * self.rate_hz, "valid")
         return np.asarray(out)
 
     def reduce(self, columns: npt.ArrayLike) -> FloatArray:
@@ -154,6 +152,16 @@ class FilterBank:
         return position_std * float(np.linalg.norm(self.second))
 
 
+def _low_pass(half: int, cutoff: float) -> FloatArray:
+    """Return a windowed sinc (2 half + 1,) of gain 1 at rest; ``cutoff`` of the rate, at half the gain.
+
+    It is :func:`scipy.signal.firwin`'s, without the half second that importing ``scipy.signal`` takes.
+    """
+    taps = np.arange(-half, half + 1)
+    kernel = np.sinc(2.0 * cutoff * taps) * np.kaiser(len(taps), _KAISER_BETA)
+    return np.asarray(kernel / kernel.sum())
+
+
 def filter_bank(rate_hz: float, bandwidth_hz: float) -> FilterBank:
     """Design the filters for a bandwidth.
 
@@ -170,8 +178,8 @@ def filter_bank(rate_hz: float, bandwidth_hz: float) -> FilterBank:
     half = max(4, round(3.0 * rate_hz / bandwidth_hz))
     margin = max(4, round(1.8 * rate_hz / bandwidth_hz))
     smooth_cutoff = min(bandwidth_hz * 5 / 3, 0.45 * rate_hz)
-    value = scipy.signal.firwin(2 * margin + 1, smooth_cutoff, window=("kaiser", _KAISER_BETA), fs=rate_hz)
-    # firwin's kernel is extended by the four samples a central difference reaches on each side.
+    value = _low_pass(margin, smooth_cutoff / rate_hz)
+    # The kernel is extended by the four samples a central difference reaches on each side.
     wide = np.pad(value, 4)
     return FilterBank(
         rate_hz=rate_hz,
@@ -180,7 +188,7 @@ def filter_bank(rate_hz: float, bandwidth_hz: float) -> FilterBank:
         value=wide,
         first=np.convolve(value, _FIRST[::-1]) * rate_hz,
         second=np.convolve(value, _SECOND) * rate_hz**2,
-        identification=scipy.signal.firwin(2 * half + 1, bandwidth_hz, window=("kaiser", _KAISER_BETA), fs=rate_hz),
+        identification=_low_pass(half, bandwidth_hz / rate_hz),
     )
 
 

@@ -216,9 +216,8 @@ def segments_of(
         If no segment of a recording is longer than the filters.
     """
     noise = position_noise(machine, recordings, bank) if noise is None else noise
-    used = [c.name for c in machine.channels if c.joint is not None]
     for index, recording in enumerate(recordings):
-        parts = [part for part in recording.segments(used) if part.stop - part.start >= shortest(bank)]
+        parts = stretches(machine, recording, bank)
         if not parts and not synthetic:
             raise RecordingError(
                 "fitting.no_stretch_without_gap", file=recording.file, bank=shortest(bank) / bank.rate_hz
@@ -243,6 +242,12 @@ def segments_of(
 def shortest(bank: FilterBank) -> int:
     """Count the rows of the shortest gapless stretch that survives the filters."""
     return 2 * (bank.margin + bank.half) + 4 * bank.decimation + 1
+
+
+def stretches(machine: Machine, recording: Recording, bank: FilterBank) -> list[slice]:
+    """Return the gapless stretches of a recording that survive the filters."""
+    used = [channel.name for channel in machine.channels if channel.joint is not None]
+    return [part for part in recording.segments(used) if part.stop - part.start >= shortest(bank)]
 
 
 def pieces(whole: slice, bank: FilterBank, most: int) -> list[slice]:

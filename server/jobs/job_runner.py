@@ -106,7 +106,9 @@ class JobRunner:
                 "log_level": "WARNING",
                 "enable_otlp": False,
                 "sys_db_pool_size": 5,
-                "notification_coalesce_sec": 1.0,  # nobody waits for one; unsaid, a hundred times a second
+                # Nobody waits for one, but :meth:`stop` does for a look; unsaid, each second, a hundred times a second.
+                "notification_listener_polling_interval_sec": LOOK_S,
+                "notification_coalesce_sec": LOOK_S,
             }
         )
         for name in self._kinds:

@@ -40,8 +40,7 @@ def _without(file: str, text: str) -> str:
     """Return a finding's text without the file's name in front."""
     if isinstance(text, Sentence) and text.code == "daq.named" and text.values["name"] == file:
         return str(text.values["what"])
-    plain = str.replace(text, f"{file}: ", "")
-    return text if plain == text else plain
+    return text
 
 
 def look(recording_file: Path, machine_file: Path, role: str) -> dict[str, Any]:

@@ -82,6 +82,7 @@ class Trace:
     """Notes what the process tries to open for writing, and to whom it wants to talk; refuses both."""
 
     def __init__(self) -> None:
+        sys.dont_write_bytecode = True  # where Python keeps what it compiled is no place that a bus leads to
         self.on = False
         self.seen: list[tuple[str, str]] = []
 

@@ -7,23 +7,39 @@ import os
 import pkgutil
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 from types import UnionType
-from typing import Any, Union, get_args, get_origin
+from typing import Any, Literal, Union, get_args, get_origin
 
 import can
 import pytest
 import serial.urlhandler
 from can.interfaces import VALID_INTERFACES
 from fuzz_machine_files import honest_files, trespasses
-from pydantic import BaseModel, TypeAdapter, ValidationError
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 from daq import parse_machine
 from daq.drivers.can.port import open_bus
 from daq.drivers.modbus.client import ModbusConnection
-from daq.errors import BusError
+from daq.errors import BusError, MachineFileError
 from daq.machine.bus_places import CAN_INTERFACES, check_entry, is_listed
-from daq.machine.buses import Bus, CanNode, CanopenBus, CanSignalsBus, ModbusRtuBus, ModbusTcpBus
+from daq.machine.buses import (
+    BUS_TYPES,
+    BUSES,
+    AnyBus,
+    Bus,
+    CanNode,
+    CanopenBus,
+    CanSignalsBus,
+    DeviceFile,
+    FileModel,
+    ModbusRtuBus,
+    ModbusTcpBus,
+    Scaled,
+)
+from daq.machine.device_files import names_files, refuse_files_elsewhere
+from daq.machine.machine_file import Machine
 
 BUS: TypeAdapter[Any] = TypeAdapter(Bus)
 #: Every scheme that pyserial knows, as it is installed, and every interface of python-can, which may stand for one.
@@ -39,8 +55,13 @@ GOOD: dict[type[BaseModel], dict[str, Any]] = {
     ModbusTcpBus: {"name": "b", "type": "modbus_tcp", "host": "192.0.2.10"},
     ModbusRtuBus: {"name": "b", "type": "modbus_rtu", "port": "/dev/ttyUSB0"},
 }  # fmt: skip
-#: Strings that no bus library gets: names, files that are looked at before they are read, and what is compared.
-NO_ADDRESS = {"name", "type", "dbc", "nodes"}
+
+
+def test_every_kind_of_bus_has_an_example() -> None:
+    of = {bus: kind for kind, bus in zip(BUS_TYPES, BUSES, strict=True)}
+    assert [kind for bus, kind in of.items() if bus not in GOOD] == [], "add an example of each to GOOD"
+    honest = {file["buses"][0]["type"] for file in honest_files()}
+    assert set(of.values()) - honest == set(), "add an example of each to honest_files in fuzz_machine_files.py"
 
 
 def _holds_text(annotation: Any) -> bool:
@@ -54,19 +75,22 @@ def _holds_text(annotation: Any) -> bool:
 
 
 def test_every_text_that_reaches_a_driver_refuses_every_scheme() -> None:
-    tried = 0
+    tried, taken = 0, set()
     for model, good in GOOD.items():
         BUS.validate_python(good)
         fields = [name for name, own in model.model_fields.items() if _holds_text(own.annotation)]
-        for field in [name for name in fields if name not in NO_ADDRESS]:
+        files = {name for name, own in model.model_fields.items() if names_files(own)}  # looked at before they are read
+        for field in [name for name in fields if name not in {"name", "type", *files}]:
             for scheme in SCHEMES:
                 for rest in ("/dev/ptmx?file=/tmp/x", "127.0.0.1:1"):
                     url = f"{scheme}://{rest}"
                     bad = {option: {**good.get("options", {}), option: url} for option in ("host", "channel", "url")}
                     for value in bad.values() if field == "options" else [url]:
                         tried += 1
-                        with pytest.raises(ValidationError):
+                        with suppress(ValidationError):
                             BUS.validate_python({**good, field: value})
+                            taken.add(f"{model.__name__}.{field}")
+    assert taken == set(), "give each a type of daq.machine.bus_places, a pattern, or DeviceFile"
     assert tried > 300
     assert {"eds", "firmware"} == {
         name for name, own in CanNode.model_fields.items() if _holds_text(own.annotation)
@@ -137,9 +161,53 @@ def test_what_is_no_entry_is_refused(entry: str) -> None:
 
 
 def test_places_of_buses() -> None:
-    places = [BUS.validate_python(good).place for good in GOOD.values()]
+    buses = (CanopenBus, CanSignalsBus, ModbusTcpBus, ModbusRtuBus)
+    places = [BUS.validate_python(GOOD[bus]).place for bus in buses]
     assert places == ["tcp:192.0.2.10:29536", "serial:/dev/ttyACM0", "tcp:192.0.2.10:502", "serial:/dev/ttyUSB0"]
     assert BUS.validate_python({"name": "b", "type": "ethercat"}).place == "driver:ethercat"
+
+
+class _Filed(FileModel):
+    more: dict[str, DeviceFile | None] = Field(default_factory=dict)
+
+
+class _FiledNode(_Filed):
+    node: int = 7
+
+
+class _FiledSource(Scaled, _Filed):
+    """Where a channel comes from on a :class:`_FiledBus`."""
+
+
+class _FiledBus(AnyBus, _Filed):
+    """A kind of bus that nobody has thought of yet."""
+
+    source = _FiledSource
+    type: Literal["filed"] = "filed"
+    file: DeviceFile | None = None
+    units: tuple[_FiledNode, ...] = ()
+
+
+@pytest.mark.parametrize(
+    ("bus", "source", "by"),
+    [
+        ({"file": "/etc/passwd"}, {}, "bus 'b'"),
+        ({"more": {"x": None, "y": "../other.txt"}}, {}, "bus 'b'"),
+        ({"units": [{}, {"node": 8, "more": {"x": "/etc/passwd"}}]}, {}, "bus 'b' node 8"),
+        ({}, {"more": {"x": "/etc/passwd"}}, "channel 'j1.angle'"),
+    ],
+)
+def test_a_file_of_any_kind_of_bus_is_one_beside_the_machine_file(
+    bus: dict[str, Any], source: dict[str, Any], by: str
+) -> None:
+    def machine(bus: dict[str, Any], source: dict[str, Any]) -> Machine:
+        plain = parse_machine(json.dumps(honest_files()[0]))
+        channel = plain.channels[0].model_copy(update={"source": _FiledSource(bus="b", **source)})
+        return plain.model_copy(update={"buses": (_FiledBus(name="b", **bus),), "channels": (channel,)})
+
+    refuse_files_elsewhere(machine({"file": "own.txt", "units": [{"more": {"x": "own.txt"}}]}, {}), "arm.yaml")
+    with pytest.raises(MachineFileError, match=f"^arm.yaml: {by}: names a file outside"):
+        refuse_files_elsewhere(machine(bus, source), "arm.yaml")
 
 
 def fuzzed(program: str, files: int) -> dict[str, Any]:

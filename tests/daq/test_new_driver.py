@@ -112,7 +112,7 @@ assert not check_machine("arm.yaml").errors
 machine = parse_machine(text)
 assert machine.buses[0].place == f"tcp:127.0.0.1:{port}"
 for wrong, says in (("type: datagram,", "did you mean 'datagrams'"), ("slot: 1, table: input", "table"),
-                    ("slot: 1, signal: x", "slot")):
+                    ("slot: 1, signal: x", "source.signal: unknown key")):
     right = "type: datagrams," if "type" in wrong else "slot: 1"
     try:
         parse_machine(text.replace(right, wrong))
@@ -165,23 +165,21 @@ def told() -> set[str]:
 def test_a_driver_is_added_by_the_files_that_contributing_names(tmp_path: Path) -> None:
     shutil.copytree(ROOT / "daq", tmp_path / "daq", ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    classes, table = "\nclass OtherBus(", "BUSES: tuple[type[AnyBus], ...] = (\n"
+    entries = '[project.entry-points."hilfit.drivers"]\n'
     changes = {
-        "daq/drivers/my_bus.py": lambda before: DRIVER,
-        "daq/machine/buses.py": lambda before: re.sub(
-            r"(?=\nclass OtherBus\()", BUS.replace("\\", "\\\\"), before, count=1
-        ).replace("    ModbusRtuBus,\n)", "    ModbusRtuBus,\n    DatagramBus,\n)"),
-        "pyproject.toml": lambda before: before.replace(
-            '[project.entry-points."hilfit.drivers"]\n',
-            '[project.entry-points."hilfit.drivers"]\ndatagrams = "daq.drivers.my_bus:DatagramDriver"\n',
-        ),
+        "daq/drivers/my_bus.py": {"": DRIVER},
+        "daq/machine/buses.py": {classes: BUS + classes, table: f"{table}    DatagramBus,\n"},
+        "pyproject.toml": {entries: f'{entries}datagrams = "daq.drivers.my_bus:DatagramDriver"\n'},
     }
     assert told() == set(changes)
-    for name, change in changes.items():
+    for name, replaced in changes.items():
         path = tmp_path / name
-        before = path.read_text() if path.exists() else ""
-        after = change(before)
-        assert after != before
-        path.write_text(after)
+        text = path.read_text() if path.exists() else ""
+        for before, after in replaced.items():
+            assert text.count(before) == 1, f"{name} has {before!r} {text.count(before)} times; correct it in this test"
+            text = text.replace(before, after)
+        path.write_text(text)
     command = [sys.executable, "-c", USE, MACHINE]
     done = subprocess.run(command, cwd=tmp_path, env={"PYTHONPATH": str(tmp_path)}, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

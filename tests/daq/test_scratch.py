@@ -169,6 +169,11 @@ def test_arrays_by_number_are_kept_and_replaced() -> None:
     assert np.array_equal(arrays[None], first)
     arrays[None] = taken
     assert np.array_equal(arrays[None], taken) and np.array_equal(arrays[3], second)
+    arrays.put_rows(3, 1, np.full((1, 3), 7.0))
+    assert np.array_equal(arrays[3], [[1.0] * 3, [7.0] * 3]) and np.array_equal(
+        arrays.rows(3, slice(1, 2)), [[7.0] * 3]
+    )
+    arrays.put_rows(3, 1, np.ones((1, 3)))
     arrays[None] = np.zeros((4, 1))
     assert arrays[None].shape == (4, 1) and np.array_equal(arrays[3], second)
     del arrays[3]

@@ -16,6 +16,8 @@ from pathlib import Path
 
 ENDED = "the tests ended with "
 MODULES = ("can-dev", "can", "can-raw", "can-bcm", "vcan")  # in the order in which they need one another
+#: What is written goes here: in `/tmp` the tests themselves may lie.
+MEMORY = Path("/dev/shm")
 _FINIT_MODULE = 313  # system call of x86-64, the only processor that user-mode Linux runs on
 _POWER_OFF = 0x4321FEDC  # reboot(2)
 _libc = ctypes.CDLL(None, use_errno=True)
@@ -43,12 +45,13 @@ def main() -> None:
     root, *arguments = (word for word in sys.argv[1:] if not word.startswith("console="))  # the kernel's own
     status = 1
     try:
-        for kind, place in (("proc", "/proc"), ("sysfs", "/sys"), ("tmpfs", "/tmp"), ("tmpfs", "/dev/shm")):
-            if Path(place).is_dir():
-                mount(kind, place)
+        MEMORY.mkdir(exist_ok=True)
+        for kind, place in (("proc", "/proc"), ("sysfs", "/sys"), ("tmpfs", str(MEMORY))):
+            mount(kind, place)
         for name in MODULES:
             load(name)
-        environment = {"PATH": "/usr/bin:/bin:/usr/sbin:/sbin", "HOME": "/tmp", "PYTHONDONTWRITEBYTECODE": "1"}
+        environment = {"PATH": "/usr/bin:/bin:/usr/sbin:/sbin", "PYTHONDONTWRITEBYTECODE": "1"}
+        environment |= {"HOME": str(MEMORY), "TMPDIR": str(MEMORY)}
         for command in ("link add dev vcan0 type vcan", "link set vcan0 up", "link set lo up"):
             subprocess.run(["ip", *command.split()], check=True, env=environment)
         pytest = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *arguments]

@@ -16,7 +16,7 @@ from fitting.report.languages import NAMES
 from fitting.report.schema.definition import clean
 
 #: What a joint is driven by, and the words for it.
-DRIVES = {"cylinder": _AS_WRITTEN, "motor": JointWords(**MOTOR, units={}), "slew": JointWords(**SLEW, units={})}
+DRIVES = {"cylinder": _AS_WRITTEN, "motor": JointWords(**MOTOR), "slew": JointWords(**SLEW)}
 EVENTS = ("silent", "boot_up", "emergency", "bus_off", "bus_down", "utc_jump", "heartbeat_lost", "second_master")
 
 

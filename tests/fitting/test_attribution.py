@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic_arm import RATE, exact_views, force, make_session, planar_machine, truth
+from synthetic_arm import RATE, exact_views, force, make_recordings, make_session, planar_machine, truth
 
 from fitting.effects import effect
 from fitting.effects.end_cushion import EndCushion
 from fitting.loop.refits import SessionSignals, final_model
-from fitting.loop.residual_loop import moves, run_attribution
-from fitting.loop.session import Session
+from fitting.loop.residual_loop import moves, other_bands, run_attribution
+from fitting.loop.session import Options, Session
 from fitting.residual.confirmation.confirmation import (
     OnValidate,
     on_validate,
@@ -444,3 +444,13 @@ def test_a_coefficient_that_moves_with_the_filter_is_an_artefact() -> None:
     assert not moves([(3.0, 1.0, 1.0), (2.1, -2.0, 1.0)])  # within its own uncertainty
     assert moves([(3.0, 10.0, 0.1), (2.1, -2.0, 0.1)])
     assert moves([(3.0, 10.0, 0.1), (3.9, 200.0, 0.1)])
+
+
+@pytest.mark.slow
+def test_cut_offs_are_those_that_every_recording_is_long_enough_for() -> None:
+    """A narrower filter needs a longer stretch: of two seconds it leaves nothing, and they are not refused for that."""
+    recordings = make_recordings(MACHINE, ARM, RECORDINGS)
+    recordings[2] = recordings[2].cut(slice(0, round(2 * RATE)))
+    session = Session(MACHINE, recordings, Options(bootstrap=0, bandwidth_hz=6.0))
+    bands = other_bands(session, Corrections(MACHINE))
+    assert [hz for hz, _ in bands] == [pytest.approx(1.3 * 6.0)]

@@ -122,7 +122,7 @@ def _missing(data: dict[str, np.ndarray]) -> None:
 
 def _short(data: dict[str, np.ndarray]) -> None:
     for name in data:
-        data[name] = data[name][:100]
+        data[name] = data[name][:60]
 
 
 def _empty(data: dict[str, np.ndarray]) -> None:

@@ -54,7 +54,7 @@ class Bounded(Stribeck):
 
 def test_every_effect_has_the_signs_that_physics_asks_for() -> None:
     found = {e.id: tuple(p.name for p in e.parameters if p.low == 0.0) for e in effects()}
-    assert {id_: names for id_, names in found.items() if names} == ONE_SIDED
+    assert {id_: names for id_, names in found.items() if names} == ONE_SIDED, "a new effect has a line in ONE_SIDED"
 
 
 @given(st.integers(0, 10_000))
@@ -112,6 +112,16 @@ def test_what_is_possible_of_a_posterior_is_counted(values: list[float], stds: l
     assert effect("cross_cylinder_coupling").possible(values, stds) == pytest.approx(np.mean(same), abs=0.05)
     braking = np.mean((drawn[:, 0] >= 0) & (drawn[:, 0] <= 0.5))
     assert effect("load_dependent_friction").possible(values[:1], stds[:1]) == pytest.approx(braking, abs=0.05)
+
+
+@pytest.mark.parametrize("square", [0.0, -1e-19])
+def test_a_parameter_of_which_only_rounding_is_left_is_zero_and_gains_nothing(square: float) -> None:
+    rounding = 1e-18
+    gram = np.array([[2e-3, 1e-3, rounding], [1e-3, 5e-3, rounding], [rounding, rounding, square]])
+    low, high = np.zeros(3), np.full(3, np.inf)
+    found = inside((low, high), gram, np.array([-1.0, 2.0, 1e-9]), np.array([-500.0, 400.0, 2e-6]))
+    assert found is not None and found.held == (0,)
+    assert found.values == pytest.approx([0.0, 400.0, 0.0]) and found.gain == pytest.approx(800.0)
 
 
 @pytest.mark.slow

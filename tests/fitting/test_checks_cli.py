@@ -10,8 +10,10 @@ import pytest
 from synthetic_arm import make_recordings, planar_machine, truth
 
 from daq.machine.machine_file import machine_to_yaml
+from daq.messages import Sentence
 from daq.recordings.recording import write_recording
 from daq.recordings.recording_files import read_table
+from fitting.checks.check import check_files
 from server.commands.command_line import main
 
 MACHINE = planar_machine(1)
@@ -53,6 +55,16 @@ def test_a_mistake_is_printed_with_its_cure_and_line(arm: Path, capsys: pytest.C
     line = capsys.readouterr().out.splitlines()[0]
     assert line.startswith("MISTAKE [swapped_chambers] joint1: head and rod pressure look swapped")
     assert "swap the two channels in machine.yaml lines" in line
+
+
+def test_a_refusal_of_the_reader_is_a_message_in_every_language(arm: Path, tmp_path: Path) -> None:
+    table = read_table(arm / "train.parquet")
+    values = {channel.name: np.array(table.columns[channel.name]) for channel in MACHINE.channels}
+    values["joint1.rod"] = np.ones_like(values["joint1.rod"])
+    path = write_recording(tmp_path / "still.csv", MACHINE, "train", table.columns["time"], values)
+    found = next(own for own in check_files(MACHINE, [("train", path)]) if own.code == "constant")
+    assert isinstance(found.text, Sentence) and found.line == found.text and "check the sensor" in found.line
+    assert "joint1.rod" in found.text.worded("de") and "check the sensor" not in found.text.worded("de")
 
 
 @pytest.mark.slow

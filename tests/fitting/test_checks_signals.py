@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from synthetic_arm import make_recordings, planar_machine, truth
 
@@ -149,6 +149,29 @@ def test_one_cable_in_two_sockets() -> None:
     assert ("same_channel", "joint2.head") in named(signal_findings(MACHINE, twice))
 
 
+@pytest.mark.parametrize("every", [3, 10, 25, 40, 70, 300])
+def test_the_last_bit_of_a_joint_at_rest_toggles(every: int) -> None:
+    """It comes and goes like a spike, and is the least step that there is."""
+
+    def at_rest(values: np.ndarray) -> np.ndarray:
+        return 1e-4 * (np.round(values[0] / 1e-4) + (np.arange(len(values)) % every == 0))
+
+    assert signal_findings(MACHINE, spoilt("joint1.x", at_rest, spoilt("joint1.q", at_rest))) == []
+
+
+@pytest.mark.parametrize("channel", ["joint1.head", "joint2.q"])
+@pytest.mark.parametrize("every", [500, 100, 45])
+def test_spikes_are_found_however_many(channel: str, every: int) -> None:
+    """Up to one in forty rows; one in fifty was a usual step of its own signal."""
+
+    def struck(values: np.ndarray) -> np.ndarray:
+        spoilt = np.array(values)
+        spoilt[7::every] += 0.6 * np.ptp(values)
+        return spoilt
+
+    assert named(signal_findings(MACHINE, spoilt(channel, struck))) == [("outliers", channel)]
+
+
 def test_a_joint_that_stands_has_no_frozen_encoder() -> None:
     """With a coarse encoder it says one value for as long as it stands; that is no fault."""
     stands = spoilt("joint1.q", lambda q: np.round(np.where(np.arange(len(q)) < 800, q[800], q), 4))
@@ -161,6 +184,7 @@ def test_a_joint_that_stands_has_no_frozen_encoder() -> None:
     [
         (lambda t: 1e3 * t, "time_unit", "mistake"),
         (lambda t: t / 60, "time_unit", "mistake"),
+        (lambda t: t / 86400, "time_unit", "mistake"),
         (lambda t: 2 * t, "wrong_rate", "mistake"),
         (lambda t: t + 30.0 * (t > 15), "time_jump", "mistake"),
         (lambda t: np.concatenate([t[:900], t[500:1600]]), "time_jump", "mistake"),
@@ -180,6 +204,7 @@ def test_a_time_in_milliseconds_is_used_in_seconds() -> None:
 
 
 @given(unit=st.sampled_from([("bar", 1e5), ("kPa", 1e3), ("psi", 6894.757)]), top=st.floats(5e6, 2.5e7))
+@example(("kPa", 1e3), 2.0055807e7)
 @settings(max_examples=15, deadline=None)
 def test_pressures_in_another_unit_say_which(unit: tuple[str, float], top: float) -> None:
     """Pressures of 50 to 250 bar in another unit of which none is a factor of three from another."""
@@ -192,6 +217,20 @@ def test_pressures_in_another_unit_say_which(unit: tuple[str, float], top: float
     found = magnitude_findings(MACHINE, [replace(SOUND[0], values=values)])
     assert [own.code for own in found] == ["unit"]
     assert found[0].cure.startswith(f"set the unit to '{name}'")
+
+
+@pytest.mark.parametrize(("name", "size"), [("bar", 1e5), ("kPa", 1e3), ("psi", 6894.757), ("MPa", 1e6)])
+def test_the_unit_of_one_joint_is_the_one_in_which_its_sensors_are_as_noisy_as_others(name: str, size: float) -> None:
+    """A joint that carries little: by its largest pressure alone 20 bar in bar pass for 200 in MPa."""
+    light = SOUND[0]
+    for channel in MACHINE.channels:
+        if channel.quantity.endswith("_pressure"):
+            load = np.convolve(np.pad(light.values[channel.name], 12, mode="edge"), np.full(25, 1 / 25), mode="valid")
+            times, unit = (19.0, 1.0) if channel.joint == "joint1" else (2.0, size)
+            values = (np.array(light.values[channel.name]) + times * load) / unit
+            light = replace(light, values={**light.values, channel.name: values})
+    found = magnitude_findings(MACHINE, [light])
+    assert {(own.channel, own.says) for own in found} == {("joint2.head", name), ("joint2.rod", name)}
 
 
 def test_degrees_where_the_file_says_radians(n: int = 2) -> None:

@@ -19,6 +19,7 @@ from fitting.checks.check import check_recordings
 from fitting.checks.findings import Finding, Places
 from fitting.checks.magnitudes import machine_findings
 from fitting.checks.mistakes.channel_trials import recordings as role_trials
+from fitting.checks.mistakes.machine_trials import lengths
 from fitting.checks.mistakes.physical import Trial, fit
 from fitting.checks.mistakes.samples import positions_of, take_samples
 from fitting.checks.mistakes.trials import SUSPECT, search
@@ -116,6 +117,7 @@ def swap(a: str, b: str) -> Callable[[dict[str, np.ndarray]], dict[str, Any]]:
     [
         (swap("joint2.head", "joint2.rod"), "swapped_chambers", "joint2"),
         (swap("joint1.head", "joint3.head"), "exchanged_channels", "joint1"),
+        (swap("joint1.head", "joint3.rod"), "exchanged_channels", "joint1"),
         (swap("joint1.q", "joint2.q"), "exchanged_channels", "joint1"),
         (lambda v: {"joint2.q": -v["joint2.q"]}, "sign", "joint2"),
         (lambda v: {"joint3.head": v["joint3.head"] / 1e5}, "unit", "joint3"),
@@ -123,6 +125,14 @@ def swap(a: str, b: str) -> Callable[[dict[str, np.ndarray]], dict[str, Any]]:
 )
 def test_a_mistake_at_one_joint_is_named_there(of: Callable[..., dict[str, Any]], code: str, joint: str) -> None:
     assert first(check_recordings(JOINT, changed(SINGLE, of))) == (code, joint)
+
+
+@pytest.mark.parametrize(("machine", "asked"), [(JOINT, True), (BOTH, False)])
+def test_pins_are_asked_of_the_efforts_only_where_one_sensor_measures_the_joint(machine: Machine, asked: bool) -> None:
+    samples = take_samples(machine, make_recordings(machine, truth(3), MOTIONS[:1]))
+    assert samples is not None
+    trial = Trial(samples, machine, positions_of(machine, samples))
+    assert any(own.code == "linkage" for own in lengths(trial)) is asked
 
 
 @pytest.mark.slow
@@ -163,7 +173,9 @@ def test_back_pressure_of_a_valve_is_no_wrong_area() -> None:
 def test_exchanged_pressures_are_found_however_little_they_leave() -> None:
     """The rod pressures of two joints are alike: with them exchanged nearly all of the efforts is explained."""
     mixed = changed(SINGLE, lambda v: {"joint1.rod": v["joint2.rod"], "joint2.rod": v["joint1.rod"]})
-    assert first(check_recordings(JOINT, mixed)) == ("exchanged_channels", "joint1")
+    found = check_recordings(JOINT, mixed)
+    assert first(found) == ("exchanged_channels", "joint1")
+    assert found[0].text.startswith("joint1.rod and joint2.rod look exchanged")
 
 
 @pytest.mark.slow
@@ -172,6 +184,7 @@ def test_exchanged_pressures_are_found_however_little_they_leave() -> None:
     [
         ("joint1.head", "joint1.rod", "swapped_chambers"),
         ("joint1.head", "joint2.head", "exchanged_channels"),
+        ("joint1.rod", "joint2.head", "exchanged_channels"),
         ("joint1.q", "joint3.q", "exchanged_channels"),
     ],
 )

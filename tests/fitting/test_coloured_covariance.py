@@ -95,6 +95,18 @@ def test_hac_knows_residuals_that_grow_with_the_motion_and_the_bootstrap_does_no
     assert np.mean(hac) / np.mean(drawn) == pytest.approx(np.sqrt(3), rel=0.1)
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_deviations_do_not_depend_on_the_order_of_columns_nor_on_their_basis(seed: int) -> None:
+    """Columns of one size are pivoted in an order that rounding decides, another on each processor."""
+    rng = np.random.default_rng(seed)
+    A = np.column_stack([motion_columns(rng, 300), rng.standard_normal((300, 3))])
+    e = ar1(rng, 300, 0.8)
+    found = hac_covariance(A, e, "hac")
+    order, turn = rng.permutation(A.shape[1]), rng.standard_normal((A.shape[1],) * 2)
+    assert hac_covariance(A[:, order], e, "hac") == pytest.approx(found[np.ix_(order, order)], rel=1e-6)
+    assert turn @ hac_covariance(A @ turn, e, "hac") @ turn.T == pytest.approx(found, rel=1e-6, abs=1e-9 * found.max())
+
+
 def test_series_of_several_joints_are_independent_of_one_another() -> None:
     rng = np.random.default_rng(5)
     A, e = rng.standard_normal((200, 2)), ar1(rng, 200, 0.8)

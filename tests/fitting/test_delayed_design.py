@@ -10,7 +10,7 @@ from synthetic_arm import make_recordings, planar_machine, truth
 
 from fitting.effects import effect, effects
 from fitting.loop.refits import SessionSignals
-from fitting.loop.session import Options, Prepared, Session
+from fitting.loop.session import Options, Session
 from fitting.regression.design import Design
 from fitting.regression.noise import noise_model
 from fitting.residual.confirmation.confirmation import OnValidate, validate_gain
@@ -31,11 +31,6 @@ def session(effort: str = "pressures") -> Session:
     values["joint1.q"][700:710] = np.nan
     recordings[1] = replace(recordings[1], values=values)
     return Session(machine, recordings, Options(bandwidth_hz=3.0))
-
-
-def fresh(made: Session, delayed: Prepared, late: dict[str, float], resampled: tuple[str, ...]) -> Prepared:
-    """The same design, made from the recordings; how unsure speeds are is known."""
-    return made.prepared(Corrections(made.machine), late, resampled, speeds=delayed.design.noise)
 
 
 def same(one: Design, other: Design) -> None:
@@ -61,7 +56,8 @@ def test_a_moved_effort_gives_the_design_that_is_made_with_it(
     made = session(effort)
     assert len(made.plain.design.segments) == 5
     delayed = made.delayed(made.plain, late, resampled)
-    whole = fresh(made, delayed, late, resampled)
+    whole = made.prepared(Corrections(made.machine), late, resampled)
+    assert delayed.design.noise == whole.design.noise
     same(delayed.design, whole.design)
     assert delayed.pairs == whole.pairs and delayed.fitted == whole.fitted
     for mine, theirs in zip(delayed.noise.whitenings, whole.noise.whitenings, strict=True):
@@ -83,7 +79,8 @@ def test_what_did_not_move_is_shared() -> None:
     delayed = made.delayed(made.plain, {"joint2": 0.013})
     plain = made.plain
     assert delayed.design.blocks[0] is plain.design.blocks[0] and delayed.design.blocks[1] is not plain.design.blocks[1]
-    assert delayed.design.noise == made.position_noise, "a delay is not taken for an unsure speed"
+    assert delayed.design.noise == plain.design.noise, "a delay is not taken for an unsure speed"
+    assert delayed.design.noise[1] == made.position_noise[1], "nor is there any other where it is"
     assert delayed.noise.whitenings[0] is plain.noise.whitenings[0]
     assert delayed.noise.whitenings[1] is not plain.noise.whitenings[1]
     again = noise_model(delayed.design, plain.fitted, plain.pairs, start=plain.noise, anew=(1,))

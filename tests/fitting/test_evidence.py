@@ -8,8 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
+from fitting.regression.solving import inverse_root
 from fitting.selection import priors
 from fitting.selection.evidence import (
+    DEAD,
     curve_evidence,
     curve_roots,
     formula_gains,
@@ -18,7 +20,6 @@ from fitting.selection.evidence import (
     log_mean,
     log_sum,
     named_evidence,
-    whitened_parts,
 )
 
 ROWS = 60
@@ -79,7 +80,17 @@ def test_what_the_base_takes_whole_says_nothing() -> None:
     gram = np.diag([4.0, 1e-13])
     found = joint_evidence(gram, np.array([3.0, 1e-7]), np.array([[1.0, 1e4], [1.0, 0.0]]))[0]
     assert found[0] == pytest.approx(found[1], abs=1e-4)
-    assert whitened_parts(np.array([[4.0, 0.0], [0.0, 9.0]])).shape == (2, 2)
+    assert inverse_root(np.array([[4.0, 0.0], [0.0, 9.0]])).shape == (2, 2)
+
+
+@pytest.mark.parametrize("rounding", [-3e-13, 0.0, -1e-290])
+def test_rounding_of_either_sign_is_no_direction(rounding: float) -> None:
+    """Beside others it may be larger than its own square, whatever that is."""
+    gram = np.array([[4.0, 2e-13], [2e-13, rounding]])
+    assert inverse_root(gram, DEAD) == pytest.approx(np.array([[0.5], [0.0]]))
+    both = np.eye(2)[None, None]
+    gains, live = formula_gains(gram[None], np.array([[6.0, 1e-7]]), both)
+    assert gains[0, 0] == pytest.approx(9.0) and live[0, 0] == 1
 
 
 def test_a_wider_prior_pays_by_its_width() -> None:

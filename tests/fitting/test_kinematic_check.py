@@ -35,6 +35,7 @@ from fitting.loop.kinematic_check import (
     kinematics,
 )
 from fitting.loop.session import Options, Session
+from fitting.pipeline.results.loop_content import kinematic
 from fitting.residual.findings import Hypothesis
 from fitting.residual.kinematics import GapColumns, GapRows, checkable, gap_columns, gap_error, with_forces
 from fitting.residual.stored_terms import corrections_from_json, step_to_json
@@ -135,6 +136,9 @@ def test_a_shifted_pin_is_named_and_the_linkage_rebuilt(parameter: str, shift: f
     found = kinematics(session)
     findings, corrections = found.findings, found.corrections
     finding = named(findings, "linkage_geometry", 1)
+    entry = kinematic(machine, finding).effect["parameters"]
+    fitted = {p.name: value for p, value in zip(finding.effect.parameters, finding.values, strict=True)}
+    assert {name: entry[name]["value"] for name in fitted} == fitted, "a shape's choice of the same name hides a value"
     before, after = gap_left(session, corrections, 1)
     assert before > 10 * after and after < 3e-5
     if finding.effect.id == "linkage_geometry" and len(finding.rivals) == 0:

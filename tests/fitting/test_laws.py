@@ -25,12 +25,13 @@ from synthetic_arm import (
 )
 
 from fitting.effects.base import DriveView
+from fitting.effects.variables import OWN
 from fitting.loop.residual_loop import run_attribution
 from fitting.loop.session import Options, Session
 from fitting.regression.design import Design
 from fitting.regression.solving import solve
 from fitting.regression.streamed import fit_rows
-from fitting.residual.laws import OWN, Law, Way, laws
+from fitting.residual.laws import Law, Way, laws
 from fitting.residual.terms import Term, fit_model
 from fitting.signals.corrections import Corrections
 

@@ -12,10 +12,9 @@ from synthetic_arm import clean_session
 
 from daq.recordings.recording import Recording
 from fitting.effects import effect
-from fitting.loop.residual_loop import is_ripple
 from fitting.loop.session import Session
 from fitting.residual.levelling import Part, residual_parts
-from fitting.residual.lines import Line, RefutedLine, find_lines, line_phases
+from fitting.residual.lines import Line, RefutedLine, find_lines, is_ripple, line_phases
 from fitting.residual.terms import Term, fit_model
 from sim_backends import EffectSpec, folding_arm
 from sim_backends.machines import ArmKind

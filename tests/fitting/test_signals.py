@@ -50,6 +50,16 @@ def test_kernels_are_symmetric_so_that_nothing_is_delayed() -> None:
     assert BANK.identification.sum() == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize(("rate", "bandwidth"), [(50.0, 4.5), (50.0, 10.0), (100.0, 1.7)])
+def test_the_kernels_are_the_windowed_sincs_of_scipy(rate: float, bandwidth: float) -> None:
+    bank = filter_bank(rate, bandwidth)
+    kaiser = ("kaiser", 8.0)
+    wanted = signal.firwin(len(bank.identification), bandwidth, window=kaiser, fs=rate)
+    assert np.allclose(bank.identification, wanted, atol=1e-15, rtol=0)
+    smooth = signal.firwin(len(bank.value) - 8, min(bandwidth * 5 / 3, 0.45 * rate), window=kaiser, fs=rate)
+    assert np.allclose(bank.value[4:-4], smooth, atol=1e-15, rtol=0)
+
+
 def test_the_identification_filter_passes_its_band_and_stops_what_decimation_would_fold() -> None:
     frequency, gain = signal.freqz(BANK.identification, worN=4096, fs=RATE)
     gain = np.abs(gain)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from model_examples import law_of, model_with, session_of, term_of
 from synthetic_arm import make_motion
 
-from benchmarks.exports.conformance import NEEDS, Conformance
+from benchmarks.exports.conformance import NEEDS, Answers, Conformance
 from daq.errors import InputError
 from fitting.effects import effect
 from fitting.model import motion
@@ -71,6 +71,23 @@ def test_python_says_what_the_model_says(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["everything", "slides", "direct"])
 def test_other_formats_say_what_the_model_says(name: str, to: str, tmp_path: Path) -> None:
     assert_conforms(MODELS[name](), to, tmp_path)
+
+
+class Both(Conformance):
+    """A format that has what it says to leave out."""
+
+    def python(self) -> Answers:
+        """Answer what the module does, and that."""
+        answers = super().python()
+        (name,) = self.gone
+        return answers | {name: np.ones(1), f"right.{name}": np.ones(1)}
+
+
+def test_what_a_format_has_it_must_not_say_to_leave_out(tmp_path: Path) -> None:
+    model = model_of_terms(["pressure_offset"])
+    assert Conformance(model, tmp_path).differences("python")
+    with pytest.raises(AssertionError, match="the export has an offset of a pressure sensor at joint2, and says"):
+        Both(model, tmp_path).differences("python")
 
 
 @pytest.mark.parametrize("name", MEMORIES)

@@ -164,7 +164,15 @@ def test_every_format_is_listed_in_the_help() -> None:
     from fitting.model.cli import export
 
     (option,) = get_type_hints(export, include_extras=True)["to"].__metadata__
-    assert option.help == "Format: c, csv, fmu, matlab, mjcf, python, st, urdf."
+    modules = {path.stem for path in Path(formats.__file__).parent.glob("[!_]*.py")}
+    assert set(option.help.removeprefix("Format: ").removesuffix(".").split(", ")) == modules >= {"c", "csv", "urdf"}
+
+
+def test_every_format_has_a_line_in_the_documentation() -> None:
+    text = (CONTRIBUTING.parent / "docs" / "model.md").read_text(encoding="utf-8")
+    _, _, table = text.partition("| format | is | carries |")
+    described = re.findall(r"^\| `(\w+)` \|", table.partition("\n\n")[0], re.MULTILINE)
+    assert sorted(described) == format_names(), "a line for each in the table of docs/model.md, and no other"
 
 
 def test_a_format_of_its_own_is_one_module(
@@ -186,7 +194,7 @@ def write(model, path, possible=False):
         main(["model", "export", str(tmp_path / "model.json"), "--to", "names", "-o", str(tmp_path / "names.txt")])
     assert not ended.value.code, capsys.readouterr().err
     assert "inverse_dynamics, drive_efforts" in (tmp_path / "names.txt").read_text(encoding="utf-8")
-    with pytest.raises(InputError, match="there is no format 'name'; use one of c, csv, fmu"):
+    with pytest.raises(InputError, match=f"there is no format 'name'; use one of {', '.join(format_names())}"):
         export_model(model, "name", tmp_path / "x")
 
 

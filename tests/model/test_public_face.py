@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -248,3 +250,13 @@ def test_results_are_short_in_words_and_whole_in_a_notebook(result: hilfit.Resul
 def test_an_effect_that_was_misspelt_is_suggested(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["effects", "show", "stribek"]) == 2
     assert "did you mean 'stribeck'?" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_model_is_read_and_asked_without_what_only_fits_need(result: hilfit.Result, tmp_path: Path) -> None:
+    path = result.model.save(tmp_path / "model.json")
+    heavy = ("scipy.signal", "scipy.stats", "matplotlib")
+    code = f"import sys, hilfit\nmodel = hilfit.Model.load({str(path)!r})\nmodel.gravity([0.1] * len(model.joints))\n"
+    code += f"print([name for name in {heavy} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"

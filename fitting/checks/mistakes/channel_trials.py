@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -16,6 +17,8 @@ from fitting.checks.mistakes.hypothesis import CLEAR, Build, Hypothesis, Targets
 from fitting.checks.mistakes.physical import Trial, declared, quantity_of
 from fitting.checks.mistakes.samples import EFFORTS, PRESSURES, Samples, Signal
 
+#: Quantities of channels that are exchanged: each of one joint with one of another.
+Pairs: TypeAlias = Sequence[tuple[str, str]]
 #: Factors by which an encoder's counts are mistaken: edges of both tracks, one of two, diameters for radii.
 COUNTS = (0.25, 0.5, 2.0, 4.0)
 #: Shares of a stroke by which the zero of a piston's sensor is off.
@@ -91,26 +94,34 @@ def _units(machine: Machine, number: int, quantity: str, only: str = "") -> Iter
 
 
 def _exchanges(trial: Trial, j: int, other: int) -> Iterator[Hypothesis]:
-    """Exchange channels of two joints: the whole effort, or one chamber."""
+    """Exchange channels of two joints: the whole effort, or one chamber of each."""
     both = [{quantity_of(name) for name in declared(trial.machine, trial.samples, k)} for k in (j, other)]
     quantities = sorted(both[0] & both[1] - {"known"})
     if not quantities or trial.blocks[other] is None:
         return
 
-    def build_of(chosen: tuple[str, ...]) -> Build:
-        def renamed(weights: Mapping[str, float], number: int) -> dict[str, float]:
-            return {f"{q}{number}" if (q := quantity_of(k)) in chosen else k: v for k, v in weights.items()}
+    def build_of(pairs: Pairs) -> Build:
+        there = {f"{q}{j}": f"{p}{other}" for q, p in pairs}
+        names = there | {theirs: own for own, theirs in there.items()}
 
         def build(trial: Trial, targets: Targets) -> tuple[Trial, Targets]:
-            first, second = (targets.get(k) or declared(trial.machine, trial.samples, k) for k in (j, other))
-            return trial, {**targets, j: renamed(first, other), other: renamed(second, j)}
+            own = {k: targets.get(k) or declared(trial.machine, trial.samples, k) for k in (j, other)}
+            return trial, {**targets, **{k: {names.get(n, n): w for n, w in own[k].items()} for k in own}}
 
         return build
 
-    for chosen in [tuple(quantities)] + [(q,) for q in quantities if len(quantities) > 1]:
-        yield Hypothesis(
-            *exchanged(trial.machine, chosen, j, other), (j, other), build_of(chosen), chosen, price=1.1, exact=True
-        )
+    for pairs in _pairs(quantities):
+        yield exchanged(trial.machine, pairs, j, other, build_of(pairs), exact=True)
+
+
+def _pairs(quantities: Sequence[str]) -> Iterator[Pairs]:
+    """Yield what may be exchanged between two joints that have these channels: all, one, and a head with a rod."""
+    same = [(q, q) for q in quantities]
+    if same:
+        yield tuple(same)
+    chambers = (PRESSURES, PRESSURES[::-1]) if {*PRESSURES} <= {*quantities} else ()
+    for pair in (*(same if len(same) > 1 else ()), *chambers):
+        yield (pair,)
 
 
 def scales(trial: Trial) -> Iterator[Hypothesis]:
@@ -161,11 +172,16 @@ def misread(machine: Machine, number: int, quantity: str, price: float) -> Itera
 
 
 def exchanged(
-    machine: Machine, quantities: Sequence[str], first: int, second: int, key: str = "exchanged_channels"
-) -> tuple[str, Sentence, Sentence]:
-    """Word the finding on two joints' channels, of the same quantities, that look exchanged."""
-    one, other = (machine.joints[number].name for number in (first, second))
-    return worded(key, what=" and ".join(q.replace("_", " ") for q in quantities), first=one, second=other)
+    machine: Machine, pairs: Pairs, first: int, second: int, build: Build,
+    *, price: float = 1.1, recording: int | None = None, exact: bool = False,
+) -> Hypothesis:  # fmt: skip
+    """Suppose that channels of two joints are exchanged."""
+    of = [[machine.channel(pair[k], machine.joints[n].name) for pair in pairs] for k, n in enumerate((first, second))]
+    one, other = ([channel.name for channel in own if channel is not None] for own in of)
+    key = "exchanged_channels" if recording is None else "exchanged_channels/alone"
+    texts = worded(key, first=", ".join(one), second=", ".join(other))
+    about, names = tuple({q for pair in pairs for q in pair}), (*one, *other)
+    return Hypothesis(*texts, (first, second), build, about, price=price, recording=recording, exact=exact, names=names)
 
 
 def late(delay: float) -> str:
@@ -204,8 +220,7 @@ def motions(trial: Trial, *, exchanges: bool = True) -> Iterator[Hypothesis]:
                 yield sensor(worded("offset/piston", mm=1e3 * abs(offset), way=way), j, quantity, 1.0, offset, 1.6)
         for other in range(j + 1, len(machine.joints)) if exchanges else ():
             if samples.get(quantity, other) is not None and trial.positions[other] == quantity:
-                texts, build = exchanged(machine, (quantity,), j, other), exchange(quantity, j, other)
-                yield Hypothesis(*texts, (j, other), build, (quantity,), price=1.1)
+                yield exchanged(machine, [(quantity, quantity)], j, other, exchange(quantity, j, other))
 
 
 def _fits(trial: Trial, number: int, signal: Signal) -> bool:
@@ -285,11 +300,11 @@ def in_one_recording(trial: Trial, number: int) -> Iterator[Hypothesis]:
             build = _changed({(quantity, j): _where(rows, signal.mapped(-1.0, about), signal)})
             yield Hypothesis(*worded("sign/alone"), (j,), build, (quantity,), recording=number, exact=True)
         for other in range(j):
-            there = [q for q in (quantity, *EFFORTS) if samples.get(q, j) and samples.get(q, other)]
-            for chosen in [(q,) for q in there] + [PRESSURES] * (set(PRESSURES) <= set(there)):
-                texts = exchanged(machine, chosen, other, j, "exchanged_channels/alone")
-                build = swapped([((q, j), (q, other)) for q in chosen])
-                yield Hypothesis(*texts, (other, j), build, chosen, price=1.1, recording=number, exact=True)
+            both = {q for q in (quantity, *EFFORTS) if samples.get(q, j) and samples.get(q, other)}
+            kinds = ([quantity], EFFORTS)
+            for pairs in (own for kind in kinds for own in _pairs([q for q in kind if q in both])):
+                build = swapped([((q, other), (p, j)) for q, p in pairs])
+                yield exchanged(machine, pairs, other, j, build, recording=number, exact=True)
 
 
 def _where(rows: BoolArray, there: Signal, elsewhere: Signal) -> Signal:

@@ -45,6 +45,7 @@ class Hypothesis:
     joints : numbers of the joints it is about
     build : gives the changed trial and targets
     channels : quantities of those joints' channels that it is about
+    names : of the channels, where it is not about all of those
     key : place in the machine file that would be wrong, if it is one
     factor : number that it is about
     price : simplicity: of two that explain alike, the one with the lower price is named
@@ -64,6 +65,7 @@ class Hypothesis:
     joints: tuple[int, ...]
     build: Build = field(repr=False)
     channels: tuple[str, ...] = ()
+    names: tuple[str, ...] = field(default=(), kw_only=True)
     key: tuple[str | int, ...] = ()
     factor: float | None = None
     price: float = 1.0

@@ -14,6 +14,7 @@ from fitting.checks.findings import worded
 from fitting.checks.mistakes.channel_trials import mapped, weighted
 from fitting.checks.mistakes.hypothesis import Build, Hypothesis
 from fitting.checks.mistakes.physical import Trial
+from fitting.checks.mistakes.samples import POSITIONS
 
 #: Factors by which a sign, a decimal point or a unit is off.
 SLIPS = (-1.0, 10.0, 0.1, 100.0, 0.01, 1e3, 1e-3)
@@ -87,7 +88,9 @@ def lengths(trial: Trial) -> Iterator[Hypothesis]:
         for alpha in sorted({-old, old + np.pi / 2, old - np.pi / 2} - {old}):
             texts, build = worded("axis", new=alpha, old=old), with_joint(j, "dh", "alpha", alpha)
             yield Hypothesis(*texts, (j,), build, key=("joints", j, "dh", "alpha"), price=1.8, slip=True)
-        if joint.cylinder is not None and isinstance(joint.cylinder.linkage, ThreePin):
+        # Two sensors that agree have the pins right between them.
+        both = all(trial.samples.get(quantity, j) is not None for quantity in POSITIONS)
+        if joint.cylinder is not None and isinstance(joint.cylinder.linkage, ThreePin) and not both:
             yield from _pins(trial, j, joint.cylinder.linkage)
 
 

@@ -137,8 +137,8 @@ def _options(trial: Trial, number: int, bad: Iterable[int]) -> Iterator[Hypothes
         # Exchanged with that of another joint whose sensors contradict each other as well.
         for other in bad:
             if other != number and trial.samples.get(quantity, other) is not None:
-                texts = trials.exchanged(trial.machine, (quantity,), number, other)
-                yield Hypothesis(*texts, (number, other), trials.exchange(quantity, number, other), (quantity,))
+                build = trials.exchange(quantity, number, other)
+                yield trials.exchanged(trial.machine, [(quantity, quantity)], number, other, build, price=1.0)
     if isinstance(linkage, ThreePin):
         yield from _pins(trial.machine, trial.samples, number, linkage)
     piston = ("piston_position", number)

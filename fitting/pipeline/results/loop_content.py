@@ -18,7 +18,6 @@ from daq.messages import Sentence
 from fitting.effects import effect, line_effect
 from fitting.effects.base import Effect
 from fitting.loop.kinematic_check import KinematicFinding, KinematicLaw
-from fitting.loop.residual_loop import is_ripple
 from fitting.loop.session import Session
 from fitting.pipeline.results.loop_results import AcceptedTerm, Attributed, Kinematic, Resolution
 from fitting.pipeline.results.stage_results import Residual, StageResults
@@ -30,7 +29,7 @@ from fitting.report.joint_words import in_own_units, own_unit
 from fitting.residual.change_points import ChangePoint
 from fitting.residual.findings import Accepted, Attribution, Hypothesis, Unconfirmed
 from fitting.residual.laws import Law
-from fitting.residual.lines import Line
+from fitting.residual.lines import Line, is_ripple
 from fitting.residual.stored_terms import step_to_json
 from fitting.residual.surfaces import second_variable
 from fitting.residual.terms import Model, Term
@@ -143,7 +142,7 @@ def kinematic(machine: Machine, finding: KinematicFinding) -> Kinematic:
     joint = machine.joints[finding.joint].name
     found = {
         **_head(content, joint),
-        "parameters": parameters | _shape_values(content, shape, machine, finding.joint),
+        "parameters": _shape_values(content, shape, machine, finding.joint) | parameters,
         "indistinguishable_from": [_likely(machine, rival, finding.joint, share) for rival, share in rivals],
         "probability": finding.probability,
         "evidence": {key: getattr(finding, key) for key in ("score", "gain", "gap_before", "gap_after")},
@@ -328,7 +327,7 @@ def _term_parameters(term: Term, model: Model, part: slice, machine: Machine) ->
         else:
             unit = own_unit(machine, term.joint, unit)
         references[name] = {"value": value, "std": None, "unit": unit}
-    return {**values, **_shape_values(term.content, term.shape, machine, term.joint), **references}
+    return {**_shape_values(term.content, term.shape, machine, term.joint), **values, **references}
 
 
 def _amplitude(model: Model, number: int) -> dict[str, Any]:

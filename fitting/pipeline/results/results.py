@@ -13,7 +13,6 @@ from daq.machine.machine_file import Machine
 from daq.messages import Sentence, with_messages
 from fitting.arrays import FloatArray
 from fitting.loop.refits import final_model
-from fitting.loop.residual_loop import is_ripple
 from fitting.loop.session import Session
 from fitting.pipeline.check_gate import for_report
 from fitting.pipeline.results.loop_content import loop_content
@@ -38,7 +37,7 @@ from fitting.report.drawing_data import diagnostics, friction_curves, scatters, 
 from fitting.report.joint_words import in_words_of
 from fitting.report.languages import NAMES
 from fitting.report.model import Figures
-from fitting.residual.lines import Line
+from fitting.residual.lines import Line, is_ripple
 from fitting.residual.stored_terms import corrections_from_json
 from fitting.residual.terms import Model
 

@@ -23,7 +23,8 @@ def print_summary(report: Mapping[str, Any], output: Path) -> None:
     motion = {"validate": "validation", "train": "training"}[role]
     for own in report.get("checks", []):
         serious = own.get("severity") == "mistake"
-        console.print(f"{'MISTAKE' if serious else 'note'}: {own['text']}; {own['cure']}", soft_wrap=True, markup=False)
+        line = "; ".join(part for part in (own["text"], own["cure"]) if part)
+        console.print(f"{'MISTAKE' if serious else 'note'}: {line}", soft_wrap=True, markup=False)
     table = Table("joint", "unit", "noise floor", "before", "after", "change", title=f"error on the {motion} motion")
     sizes = Table("joint", "unit", "RMS before", "after", "mean before", "after", "relative before", "after")
     for joint, errors in report["errors"].items():

@@ -77,10 +77,11 @@ def sandwich_factors(model: Model, rows: Sequence[WhiteRows]) -> FloatArray:
     for joint, (own, residual) in enumerate(zip(rows, model.fit.residual, strict=True)):
         if not own.sections or not (joint in named or is_refused(own, residual, model.design.bank)):
             continue
+        size = np.maximum(np.linalg.norm(own.A, axis=0), 1e-300)
         for _, part in model.sections(joint):
-            A, e = own.A[part], residual[part]
+            A, e = own.A[part] / size, residual[part]
             if len(e):
-                more += series_scores(A, e, "hac", rng) - A.T @ A
+                more += np.outer(size, size) * (series_scores(A, e, "hac", rng) - A.T @ A)
     variance = np.diag(covariance)
     raised = variance + np.einsum("ij,jk,ik->i", covariance, more, covariance)
     return np.sqrt(np.where(variance > 0, np.maximum(raised, variance) / np.where(variance > 0, variance, 1.0), 1.0))

@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.messages import Sentence
-from fitting.arrays import FloatArray
+from fitting.arrays import FloatArray, unit_gram
 from fitting.effects.base import Level
 
 Verdict = Literal["both", "different", "gone_unloaded", "only_unloaded", "silent", "neither"]
@@ -125,15 +125,11 @@ def _significance(values: FloatArray, covariance: FloatArray) -> float:
     For one coefficient it is the estimate over its standard deviation; for more by Wilson and Hilferty's cube root
     (Proc. Nat. Acad. Sci. 17, 1931). Directions without variance are undetermined and do not count.
     """
-    scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    determined = scale > 0
-    if not determined.any():
-        return 0.0
-    unit = values[determined] / scale[determined]
-    correlation = covariance[np.ix_(determined, determined)] / np.outer(scale[determined], scale[determined])
+    correlation, size = unit_gram(covariance)
+    unit = values / size
     chi = max(float(unit @ np.linalg.pinv(correlation, rcond=_DEAD**2, hermitian=True) @ unit), 0.0)
     k = int(np.linalg.matrix_rank(correlation, tol=_DEAD**2 * len(unit), hermitian=True))
-    if k == 1:
+    if k <= 1:
         return float(np.sqrt(chi))
     ninth = 2.0 / (9.0 * k)
     return float(max((np.cbrt(chi / k) - (1 - ninth)) / np.sqrt(ninth), 0.0))

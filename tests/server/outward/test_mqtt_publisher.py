@@ -131,7 +131,7 @@ def test_states_are_there_for_whoever_subscribes_later(tmp_path: Path, publisher
             "type": "state",
             "machine": "lever",
             "timestamp": TIME,
-            "data": {"acquisition": "running", "error": None},
+            "data": {"acquisition": "running", "error": None, "error_message": None},
         }
         made.stop()
         until(lambda: later.newest["site/hilfit/online"] == "false")

@@ -24,7 +24,6 @@ ROOT = Path(__file__).parents[3]
 WEB = ROOT / "server" / "web"
 BUILT = page_files()
 ASSETS = sorted(name for name in BUILT if name.startswith("assets/"))
-REBUILD = "run 'make page' and keep what it made"
 
 
 def test_the_page_is_at_the_root_and_asked_for_each_time(running: Running) -> None:
@@ -142,7 +141,9 @@ def test_the_built_page_is_of_these_sources() -> None:
     hashed = hashlib.sha256()
     for name in _sources():
         hashed.update(name.encode() + b"\0" + (WEB / name).read_bytes() + b"\0")
-    assert json.loads(BUILT["sources.json"].content) == {"sha256": hashed.hexdigest()}, REBUILD
+    assert json.loads(BUILT["sources.json"].content) == {"sha256": hashed.hexdigest()}, (
+        "run 'make generated' and commit what it made"
+    )
 
 
 @pytest.mark.slow
