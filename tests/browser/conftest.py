@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import sys
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -29,8 +31,10 @@ def browser() -> Iterator[Any]:
     executable = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     if executable is None:
         pytest.skip("no chromium on this computer; on Debian: apt-get install chromium")
-    with playwright.sync_playwright() as started:
-        browser = started.chromium.launch(executable_path=executable, args=ARGUMENTS)
+    # A folder of its own: what Chromium leaves when it is ended on a busy computer is not left by a test.
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as own, playwright.sync_playwright() as started:
+        environment = os.environ | {"TMPDIR": own}
+        browser = started.chromium.launch(executable_path=executable, args=ARGUMENTS, env=environment)
         yield browser
         browser.close()
 
