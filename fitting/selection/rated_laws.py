@@ -94,17 +94,14 @@ class RatedLaws:
         left = self._sizes.left(joint)
         limits = np.array([self._sizes.limit(scores[n]) for n in numbers])
         sizes = priors.amplitudes(float(limits.max()))
-        bayes = log_mean(curve_evidence(grams, products, roots, sizes), axis=1)
         allowed = sizes[None, :] <= np.maximum(limits, priors.SMALLEST)[:, None] * priors.RATIO
-        leftover = np.zeros((len(numbers), len(left)))
-        if left.max() > 0:
-            leftover = log_mean(curve_evidence(grams, products, roots, left), axis=1)
+        both = np.concatenate([sizes, left])
+        found = log_mean(curve_evidence(grams, products, roots, both), axis=1)
         if simple:
             short = [simple_curves(_law(scores[n]).knots) for n in numbers]
             gains, live = formula_gains(grams, products, np.array([curves for curves, _ in short]))
-            listed = short[0][1]  # of every formula of the short list, its share
-            bayes = _either(bayes, _formulas(gains, live, sizes, listed))
-            leftover = _either(leftover, _formulas(gains, live, left, listed)) if left.max() > 0 else leftover
+            found = _either(found, _formulas(gains, live, both, short[0][1]))  # of every formula, its share
+        bayes, leftover = np.split(found, [len(sizes)], axis=1)
         bayes = log_sum(bayes, weights=allowed / allowed.sum(axis=1, keepdims=True))
         return np.stack([bayes, log_sum(leftover, weights=priors.LEFTOVER_WEIGHTS)], axis=1)
 
