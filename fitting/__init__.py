@@ -4,7 +4,7 @@
 ``arrays``      types of arrays
 ``arm``         Denavit-Hartenberg table, linkages, dynamics, base parameters
 ``signals``     filters, recordings to smooth motion and measured effort, spectra
-``regression``  the one linear regression: rows, drive, noise, what is known before, what can be told; hours from a file
+``regression``  the one linear regression: rows, drive, noise, priors, what is determined; hours from a file
 ``estimators``  estimators that can be plugged in
 ``effects``     the catalogue, one file each
 ``residual``    views, terms, scores, replicas, spectral lines, changes in time: what evidence is made of
@@ -20,10 +20,10 @@
 ``commands``    the commands of identification
 ==============  ====================================================================================================
 
-A room imports only those above it; a contract in ``pyproject.toml`` says the order.
+A room imports only those above it; a contract in ``pyproject.toml`` states the order.
 
 Everything here is small matrices: one BLAS thread is fastest, and two processes with two threads each on two cores
-spend most of their time waiting for one another. So, unless the environment says otherwise, BLAS is asked for one
+spend most of their time waiting for one another. So, unless the environment states otherwise, BLAS is asked for one
 thread before numpy is loaded.
 """
 

@@ -64,7 +64,7 @@ class BaseParameters:
     standard_names : names of the ``p`` standard parameters (``ZZ2``, ``f_c2``, ...)
     standard_count : how many standard parameters the machine has: 13 per joint, or 10 where only inertial ones were
         asked for
-    vanished : names of the standard parameters that no motion tells
+    vanished : names of the standard parameters that no motion determines
     gap : largest remainder that was taken for round-off, and smallest that was taken for independence
     """
 
@@ -143,7 +143,7 @@ def base_regressor(
     motors = coupled_regressor(machine, qd, qdd, speed_noise=speed_noise)[
         ..., base.independent[len(inertial) :] - links
     ]
-    # Joined where memory runs along the samples, so that stacking stays free.
+    # Joined where memory runs along the samples, so that stacking remains free.
     return np.concatenate([Y.transpose(2, 1, 0), motors.transpose(2, 1, 0)]).transpose(2, 1, 0)
 
 

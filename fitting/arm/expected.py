@@ -14,7 +14,7 @@ import scipy
 
 from fitting.arrays import FloatArray
 
-#: Noise widths from zero beyond which two terms of a series say what a speed's noise does to a power of it.
+#: Noise widths from zero beyond which two terms of a series state what a speed's noise does to a power of it.
 FAR = 6.0
 
 

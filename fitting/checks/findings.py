@@ -26,7 +26,7 @@ class Finding:
     ----------
     code : what it is, as in ``docs/checks.md``
     text : what was seen, one sentence
-    cure : what to do, one sentence; empty where the text says it
+    cure : what to do, one sentence; empty where the text states it
     joint, channel : where; None where it is not of one
     recording : file that it was seen in; None where it was in all
     severity : ``mistake`` or ``note``

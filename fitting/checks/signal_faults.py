@@ -261,7 +261,7 @@ def _frozen(own: _Signal) -> Finding | None:
             abrupt = all(len(part) == 2 and part.max() > _AT_SPEED * usual for part in beside)
             wrong = improbable and (catches_up or abrupt or _moved(own.other, start, stop))
         else:
-            # Coarse steps of a joint that stands repeat too, but none so long alone, and none that ends with a jump.
+            # Coarse steps of a joint at rest repeat too, but none so long alone, and none that ends with a jump.
             second = int(np.sort(lengths)[-2]) if len(lengths) > 1 else 1
             alone, fine = length >= rate and length > 4 * second, elsewhere < 0.3
             wrong = improbable and ((fine and catches_up) or (alone and (fine or not own.parked)))

@@ -239,7 +239,7 @@ def _whole_arm(
     gathered = np.zeros((len(plan.base), len(plan.base)))
     for item in there:
         unpinned = item.rods == "unpinned" if isinstance(item, Motion) else item.role == "unloaded"
-        if forecast and unpinned:  # tells nothing of the links, but shows effects of the cylinders
+        if forecast and unpinned:  # determines nothing of the links, but shows effects of the cylinders
             continue
         if isinstance(item, Recording):
             gathered += information_of_recording(plan.machine, plan.base, item)

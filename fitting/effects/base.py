@@ -271,7 +271,7 @@ class Effect(ABC):
     ----------
     view : of all hooks: motion, force and ranges of the joint in one segment of a recording, (N,) each, SI
     shape : one of :meth:`shapes` (:meth:`gap_shapes`): what columns depend on other than linearly, by name
-    machine, joint : what the machine file says, and the number of the joint, from 0 at the base (of signals its name)
+    machine, joint : what the machine file states, and the number of the joint, from 0 at the base (of signals its name)
     values, stds : (k,) of ``parameters``, in their units, and standard deviations
     corrections : of a session's positions, which get one more
     """
@@ -279,7 +279,7 @@ class Effect(ABC):
     id: ClassVar[str]
     title: ClassVar[str]
     level: ClassVar[Level]
-    #: Signal that a residual is best drawn against: one of the report's variables; ``other.`` stands for a neighbour.
+    #: Signal that a residual is best drawn against: one of the report's variables; ``other.`` represents a neighbour.
     variable: ClassVar[str]
     #: False where the columns depend on the measured motion only, not on the model's present parameters.
     uses_model: ClassVar[bool] = True

@@ -102,7 +102,7 @@ def _check_plausibility(effect: Effect) -> None:
     inside, stds = [], [1e-9] * len(effect.parameters)
     for p in effect.parameters:
         low, high = max(p.low, -1e3), min(p.high, 1e3)
-        # A parameter without bounds may have to be there at all for the effect to be what it says.
+        # A parameter without bounds may have to be there at all for the effect to be what it states.
         inside.append(0.5 * (low + high) if np.isfinite(p.low) or np.isfinite(p.high) else 1.0)
     _require(effect, effect.plausible(inside, stds), "the middles of its own intervals are not plausible")
 

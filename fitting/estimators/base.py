@@ -19,7 +19,7 @@ from fitting.arrays import BoolArray, FloatArray, IntArray
 
 @dataclass(frozen=True)
 class Estimate:
-    """Parameters of a linear regression, and how well the rows tell them.
+    """Parameters of a linear regression, and how well the rows determine them.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class Estimate:
     groups : (g,) labels of the groups, ascending
     condition_number : of the columns used, scaled to unit norm
     determined : (p,) False for every parameter with a part in the null space of ``A``
-    details : what else the estimator has to say of this fit (plain JSON), for the report
+    details : what else the estimator reports of this fit (plain JSON), for the report
     """
 
     theta: FloatArray

@@ -36,7 +36,7 @@ Colour = int | Literal["white", "hac", "bootstrap"]
 
 COLOURS = ("white", "hac", "bootstrap")
 _STRONGEST = 0.97  # of an autoregression: a root any nearer to one is a trend, not a colour
-_SHORT = 20  # rows below which a series says nothing of its own colour
+_SHORT = 20  # rows below which a series determines nothing of its own colour
 _DRAWS = 400  # leaves 3.5 % of chance in a standard deviation
 _MOST_ORDER = 10
 

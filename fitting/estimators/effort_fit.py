@@ -37,9 +37,9 @@ from fitting.regression.streamed import triangle
 REFUSED, FREE = 2.0, 1.01
 #: Share of a joint's positions that is left out at either end.
 OUTER = 0.25
-#: Chance that a right fit exceeds what is said to be its error at most, and short recordings of two equal noises.
+#: Chance that a right fit exceeds what is reported to be its error at most, and short recordings of two equal noises.
 CHANCE = 1e-3
-_SHORT = 20  # rows below which a series says nothing of its own colour
+_SHORT = 20  # rows below which a series determines nothing of its own colour
 #: Logarithm of the least variance of noise over that of the effort, how many are tried, and what is not probable.
 _QUIET, _GRID, _IMPROBABLE = -60.0, 601, 40.0
 
@@ -309,7 +309,7 @@ class EffortRows:
             if len(e):
                 A = np.vstack([own for own, _ in self.parts(joint)])
                 S += series_scores(A @ found.root / self.spread, e / self.spread, "hac", rng)
-        # A prior's row is as uncertain as it says; what it adds takes no degree of freedom.
+        # A prior's row is as uncertain as it states; what it adds takes no degree of freedom.
         count, rank = int(self.rows.sum()), found.root.shape[1]
         taken = max(rank - float(np.sum(closing**2)), 0.0)
         S = S * count / max(count - taken, 1.0) + closing.T @ closing

@@ -1,4 +1,4 @@
-"""Optimal excitation: the motion of all joints that tells the base parameters best within their limits.
+"""Optimal excitation: the motion of all joints that determines the base parameters best within their limits.
 
 Each joint follows a truncated Fourier series that starts and ends at rest (:mod:`fitting.excitation.fourier`), found by
 L-BFGS from random series that compete (:mod:`fitting.excitation.search`); the smooth criterion is brought towards the
@@ -50,7 +50,7 @@ class Excitation:
     motion : the motion program, at the machine's rate
     speed, acceleration : shape (N, n), of all joints at the samples of the motion
     condition_number : of the column-scaled observation matrix of this motion together with what was gathered before
-    own_condition_number : of this motion alone (infinite if it cannot tell all parameters)
+    own_condition_number : of this motion alone (infinite if it cannot determine all parameters)
     information : ``W'W`` of this motion at the machine's rate, shape (nb, nb); sum these to pass on what is gathered
     limits : how much of each limit is used
     undetermined : names of base parameters that neither this motion nor what was gathered before determines
@@ -171,7 +171,7 @@ def _finish(problem: Problem, coefficients: FloatArray, gathered: FloatArray | N
     own = information(Y) * q.shape[0]
     total = own if gathered is None else own + gathered
     chosen = np.ix_(problem.columns, problem.columns)
-    # Joints that hold elsewhere than mid-range have to be told so.
+    # Joints that hold elsewhere than mid-range have their position given.
     written = np.arange(len(machine.joints)) if problem.seeks_home else problem.joints
     return Excitation(
         motion=Motion(

@@ -1,4 +1,4 @@
-"""How well a motion tells the base parameters, and the gradient of that with respect to the motion.
+"""How well a motion determines the base parameters, and the gradient of that with respect to the motion.
 
 The information of a motion is ``G = W'W`` (efforts weighted alike); that of several motions is the sum. With
 ``C = D^-1/2 G D^-1/2``, ``D = diag G``, the condition number of the column-scaled observation matrix is

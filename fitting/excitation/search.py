@@ -2,7 +2,7 @@
 
 Supply flow and chamber pressure are penalties, whose weight grows from stage to stage until they hold to a fraction of
 a per cent. Starts compete: all run the first, smooth stages, the better half of them the third, and the best quarter is
-finished. (What the second stage reaches tells where the last one ends; what the first one reaches does not.)
+finished. (What the second stage reaches determines where the last one ends; what the first one reaches does not.)
 """
 
 from __future__ import annotations

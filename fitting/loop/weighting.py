@@ -12,7 +12,7 @@ training motion by the other weights, so what it loses shows which case this is:
 
 as the larger of two: the error of all efforts together, and each joint's in units of its own. Above
 :data:`MOST_LOST` equal weights are handed out, and where rows are no more than parameters: least squares leaves nothing
-of them but rounding, which says nothing of noise.
+of them but rounding, which shows nothing of noise.
 
 Where the number comes from: sound simulated arms have at most 1.006, arms that lack an effect 1.0 to 1.08, measured
 machines 1.04 to 1.8 (``docs/decisions/0034-weights-on-measured-machines.md``).

@@ -97,7 +97,7 @@ class _Seen(_Part):
 
 
 class _Fit(_Part):
-    """What one fit says."""
+    """What one fit states."""
 
     terms: list[dict[str, Any]]
     passes: list[_Pass] = Field(min_length=1)

@@ -24,7 +24,7 @@ from fitting.signals.preparation import Segment, motion_segment
 
 #: Share of the recorded positions and speeds by which a motion may be outside them, and kelvins of the oil.
 _MARGIN, _WARMER = 0.02, 1.0
-#: Shares in a 95 % band between which it holds what it says.
+#: Shares in a 95 % band between which it holds what it states.
 _HOLDS = 0.92, 0.98
 
 

@@ -83,7 +83,7 @@ def _fit(final: Model) -> dict[str, Any]:
     loaded = [i for i in final.fitted if design.segments[i].loaded] or list(final.fitted)
     hidden = np.zeros(len(final.fit.theta)) if final.fit.hidden is None else final.fit.hidden
     spread = np.array([_spread(final, joint, loaded) for joint in range(len(design.blocks))])
-    # A law says nothing of positions that it was not fitted to.
+    # A law does not hold at positions that it was not fitted to.
     known = not any(isinstance(term.content, Law) for term in final.terms)
     if known and not final.fit.whitened and not design.stored and final.prior is not None:
         more = EffortRows(design, final.fitted, final.extra).elsewhere(final.prior, final.fit.theta)

@@ -41,11 +41,11 @@ class Predicted:
     ----------
     joints, units : names, and units of the efforts
     t : (N,) s, the recording's
-    measured : as sensors gave it, moved by what the model says of delays
+    measured : as sensors gave it, moved by what the model states of delays
     predicted : by the model
     std : standard deviation of the difference: parameters, and what the fit left of its own recordings
     moving : False where a joint's drive rests: what holds it there is static friction, which no model predicts
-    beyond : where a joint is beyond the positions and speeds that were recorded, so that the band says nothing
+    beyond : where a joint is beyond the positions and speeds that were recorded, so that the band does not hold
     errors : per joint (M_j,) the residual of its moving rows through the identification filter
     filtered : ``std``, ``rms``, ``mean`` and ``relative`` of these errors, a value per joint, as a report has them
     left_out : a line for each term of the model that this recording cannot have, and for each joint whose band is wrong

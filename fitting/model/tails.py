@@ -2,7 +2,7 @@
 
 Peaks of independent excursions above a high level are distributed as Pareto's generalised law (Pickands 1975); its
 shape and scale follow from probability-weighted moments (Hosking and Wallis, *Technometrics* 29, 1987). A shape below
-zero would be an end that nothing exceeds, which a short record cannot tell: the shape is never taken below zero.
+zero would be an end that nothing exceeds, which a short record cannot determine: the shape is never taken below zero.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The checks at the doors of other commands: what is said beside a refusal, and what an identification keeps."""
+"""The checks at the doors of other commands: what is reported beside a refusal, and what an identification keeps."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def explained(
         columns = None if how.columns is None else load_map(how.columns, machine)
         findings = check_files(machine, files, machine_file, columns=columns, resample=how.resample)
     except HilfitError:
-        return error  # the machine file or a table itself cannot be read: that is what the error says
+        return error  # the machine file or a table itself cannot be read: that is what the error states
     except Exception:
         _log.exception("the checks failed on %s", machine_file)
         return error

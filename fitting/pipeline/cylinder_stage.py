@@ -3,9 +3,9 @@
 With an `unloaded` recording ``F_l = 0`` and the rows of each cylinder hold its own parameters only. Without one, or
 for a cylinder that stood still in it, the stage runs *in situ*: the rigid-body load on this joint is a nuisance with
 columns of its own. There the load may look like the drive (a stiffness like gravity, an offset like a constant moment),
-and one joint's rows tell little of the links: so the recursion begins with the rows of the plausible arm
+and one joint's rows determine little of the links: so the recursion begins with the rows of the plausible arm
 (:mod:`fitting.regression.plausible_arm`) at the point of the joint fit. Where the recordings refuse that arm, nothing
-tells the two apart, and the joint gets the joint fit's values.
+separates the two, and the joint gets the joint fit's values.
 """
 
 from __future__ import annotations

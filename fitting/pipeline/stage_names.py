@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-#: Stage to what is said while it runs.
+#: Stage to what is reported while it runs.
 WORDS = {
     "check": "checking recordings and equations",
     "cylinder_stage": "stage 1: each drive's friction and stiffness",

@@ -278,9 +278,9 @@ def opened(request: Request) -> Session:
     """
     require_writable(request.output)
     for code in request.languages:
-        language(code)  # a wrong one is said before any work
+        language(code)  # a wrong one is reported before any work
     session = with_explanation(request, lambda: Session.load(request))
-    choice(session)  # a wrong option is said before any work
+    choice(session)  # a wrong option is reported before any work
     return session
 
 

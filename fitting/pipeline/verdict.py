@@ -35,7 +35,7 @@ from fitting.selection.evidence import least_gain
 
 #: Error on the validation motion, in noise floors, up to which nothing is missing.
 MOST_NOISE = 1.2
-#: Probability that nothing is missing from which on that can be told: two to one.
+#: Probability that nothing is missing from which on that is reported: two to one.
 NEEDED = 2.0 / 3.0
 #: Deviations from zero below which a coefficient would not have been named at another bandwidth.
 NAMED_FROM = math.sqrt(least_gain(1))

@@ -7,7 +7,7 @@ projected out of everything recorded. A test that asks for a gain of ``needed`` 
     P(chi2_k(lambda^2) > needed)
 
 (half at about ``lambda^2 = needed``, 95 % at about ``(sqrt(needed) + 1.6)^2``), and the smallest size at a power is
-``lambda / sqrt(S)``. The share of a column that survives says which effects a motion can show at all.
+``lambda / sqrt(S)``. The share of a column that survives states which effects a motion can show at all.
 """
 
 from __future__ import annotations

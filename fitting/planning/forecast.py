@@ -34,7 +34,7 @@ from fitting.signals.spectrum import whitening
 
 #: Bandwidth of an identification of slow motions, Hz (at most an eighth of the rate).
 BANDWIDTH = 3.0
-#: Noise of a smoothed speed that is assumed where no recording tells, as a share of the joint's top speed.
+#: Noise of a smoothed speed that is assumed where no recording determines, as a share of the joint's top speed.
 _SPEED_NOISE = 2e-4
 _POWER = 0.95  # with which the smallest effects are found
 _BACK_PRESSURE = 5.0e5  # Pa: what a valve usually keeps in the chamber that is emptied

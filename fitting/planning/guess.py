@@ -2,7 +2,7 @@
 
 Chamber pressures, and every effect that lives on forces, need parameters that are only known after an identification.
 Where none was made yet, links are taken for rods of equal line density between their joints, and friction for a small
-share of what the cylinder can push; the guess says so, because a pressure limit then rests on it.
+share of what the cylinder can push; the guess states it, because a pressure limit then rests on it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from fitting.regression.prior import moving_mass
 #: Supply pressure of mobile hydraulics where the machine file gives none, Pa.
 USUAL_SUPPLY = 21.0e6
 _HOLDING_SHARE = 0.35  # of the supply pressure: what the heaviest pose of a sensibly sized arm takes
-_DENSITY = 20.0  # kg/m, where no cylinder says how strong the arm is
+_DENSITY = 20.0  # kg/m, where no cylinder states how strong the arm is
 _SEAL_SHARE = 0.01  # Coulomb friction over supply pressure times bore area: seals of a cylinder in good order
 _NOISE_SHARE = 0.1  # effort noise in the band over Coulomb friction
 _EFFORT_SHARE = 0.02  # Coulomb friction over the largest holding effort of a joint that is driven directly

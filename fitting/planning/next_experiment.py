@@ -43,7 +43,7 @@ MOST_RECORDINGS = 4
 _GENERATIONS, _PER_GENERATION = 3, 8
 #: Share of every limit that a motion may use.
 _USE = 0.92
-_SHRINKS = 12  # by 0.85: what is left of a motion after that says nothing
+_SHRINKS = 12  # by 0.85: what is left of a motion after that determines nothing
 # Standard deviations that a motion of the menu may be behind: people see what it does.
 _SIMPLER = 0.25
 

@@ -38,7 +38,7 @@ from fitting.selection.evidence import DEAD, log_mean
 from fitting.selection.gains import averaged, orders
 from fitting.selection.priors import CREDIBLE_ODDS, USUAL_EFFORT
 
-#: Least standard deviation of log odds: noise moves what no motion tells apart as well.
+#: Least standard deviation of log odds: noise moves what no motion separates as well.
 _LEAST_SPREAD = 0.5
 #: Standard deviations of margin beyond which more of it is worth nothing.
 _ENOUGH = 4.0

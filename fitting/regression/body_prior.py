@@ -164,7 +164,7 @@ def _from_drawing(path: Path, drawing: Drawing, base: BaseParameters) -> BodyPri
     standard, spread = np.concatenate(rows), np.concatenate(spreads)
     of_links, of_motors = np.split(base.regrouping, [base.inertial_columns], axis=1)
     std = np.maximum(np.sqrt(of_links**2 @ spread**2), 1e-12)
-    std[np.any(of_motors != 0, axis=1)] = np.inf  # a drawing of the links says nothing of a motor's friction
+    std[np.any(of_motors != 0, axis=1)] = np.inf  # a drawing of the links determines nothing of a motor's friction
     return BodyPrior(of_links @ standard, std, standard, path.name)
 
 

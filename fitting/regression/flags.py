@@ -1,8 +1,8 @@
 """Which numbers of a report are poorly determined: a standard deviation above 30 % of the value.
 
 Published tables have carried deviations of a hundred thousand per cent without a word; here each such parameter is
-marked where it stands (``relative_std_percent``, ``flagged``) and listed under ``flagged``. It is no warning: every
-report has some, because no motion tells all parameters, and what they cost is in the band of the prediction.
+marked where it is (``relative_std_percent``, ``flagged``) and listed under ``flagged``. It is no warning: every
+report has some, because no motion determines all parameters, and what they cost is in the band of the prediction.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ spectrum is wrong by a factor ``exp(d(f))``, its variance is wrong by the averag
 ``c`` at each frequency. With the covariance of ``d`` that the spectrum's estimate gives, the variance of a parameter
 has a relative variance ``rho``, and its error follows Student's t with ``2 / rho`` degrees of freedom (Satterthwaite).
 Slow parameters (a stiffness on a slow motion) live on a few lines of the spectrum and get wider intervals. Where
-intervals are a jackknife's over blocks, few blocks that tell nearly all are few degrees of freedom as well.
+intervals are a jackknife's over blocks, few blocks that determine nearly all are few degrees of freedom as well.
 
 Sources: H. Kuensch, Ann. Stat. 17, 1989 (jackknife over blocks); F. Satterthwaite, "An approximate distribution of
 estimates of variance components", Biometrics Bulletin 2, 1946; JCGM 100:2008 (GUM), annex G.

@@ -1,7 +1,7 @@
-"""Which parameters a recording can tell, and how well: for `operation` recordings, and for planned motions.
+"""Which parameters a recording can determine, and how well: for `operation` recordings, and for planned motions.
 
 A day's work is no excitation: joints that hardly moved, poses that were never left. A fit gives numbers for all
-parameters all the same. What may be said of each is decided by its standard deviation over its size:
+parameters all the same. What may be reported of each is decided by its standard deviation over its size:
 
 ``told``         known to 30 %, by the recordings alone
 ``assumed``      more than half of what is known of it was put in beforehand (a prior), not measured
@@ -28,7 +28,7 @@ from fitting.regression.prior import Prior, rows_of_prior
 
 Verdict = Literal["told", "poorly told", "not told", "assumed"]
 
-#: Relative standard deviation above which a parameter is flagged, and above which it is not told at all.
+#: Relative standard deviation above which a parameter is flagged, and above which it is not determined at all.
 FLAGGED, HOPELESS = 0.3, 1.0
 _RANK = 1e-14  # of the largest eigenvalue of unit columns' products: what is less is rounding
 _CONCERNED = 1e-6  # share of a null direction's norm from which on a parameter takes part in it
@@ -42,7 +42,7 @@ class ParameterVerdict:
     ----------
     name : as in the regression
     verdict : see the module's text
-    std : standard deviation in the parameter's unit; infinite where rows do not tell it
+    std : standard deviation in the parameter's unit; infinite where rows do not determine it
     relative : ``std`` over the parameter's size
     """
 

@@ -25,7 +25,7 @@ from fitting.signals.splines import spline_basis
 
 _T = TypeVar("_T")
 
-#: Reduced rows that a repeated stretch needs to say something of the noise.
+#: Reduced rows that a repeated stretch needs to state something of the noise.
 _LEAST_ROWS = 20
 _MAX_LAG_SECONDS = 4.0
 #: Two runs of one motion differ by less than this share of its spread; nowhere by more than the second, before they are
@@ -34,7 +34,7 @@ _ALIKE, _NEAR = 0.02, 0.15
 _PASSES = 2  # of a fit and the noise that it leaves
 _COARSE = 4  # samples: steps of the first search for a lag
 #: Training segments that a repeated one is laid upon at most, and segments that a noise is estimated from at most, of
-#: hours cut into pieces of minutes: its spectrum has six coefficients, which an hour tells. Fitted are all samples.
+#: hours cut into minutes: its spectrum has six coefficients, which an hour determines. All samples are fitted.
 _MOST_LAID, _MOST_SEGMENTS = 20, 12
 
 

@@ -1,15 +1,15 @@
 """The plausible arm: a prior of the links and drives that is made from the machine file alone.
 
-Least squares lets base parameters be any numbers. On a motion that does not tell all of them the next motion pays for
-it. Here every link keeps a pseudo-inertia ``J_l`` (4 x 4, positive definite: a body that can exist), drawn toward a
-plausible one ``J0_l`` by the entropic divergence, and no drive has a negative inertia, friction or stiffness::
+Least squares lets base parameters be any numbers. On a motion that does not determine all of them the next motion
+pays for it. Here every link keeps a pseudo-inertia ``J_l`` (4 x 4, positive definite: a body that can exist), drawn
+toward a plausible one ``J0_l`` by the entropic divergence, and no drive has a negative inertia, friction or stiffness::
 
     minimise  |A theta - b|^2 / 2  +  sum_i own_i f_i phi_i^2 / 2
               +  w sum_l [tr(J0_l^-1 J_l) - log det(J0_l^-1 J_l) - 4],      base parameters = P pi(J) + P_m phi_m
 
 over the rows ``A, b`` of unit noise, the links' ``J_l``, the drives' parameters ``phi`` (``phi_m``: of motors that turn
-with several joints) and whatever else has columns. ``own_i = sum_j |A_ij|^2 / |b_j|^2`` says that a contribution is no
-larger than the joint's own effort; ``f_i`` is 1, and ``1 / r^2`` where a parameter that cannot be negative is below
+with several joints) and whatever else has columns. ``own_i = sum_j |A_ij|^2 / |b_j|^2`` states that a contribution is
+no larger than the joint's own effort; ``f_i`` is 1, and ``1 / r^2`` where a parameter that cannot be negative is below
 zero. ``J0_l`` is a rod along the link; the mass of all rods together is what the measured efforts ask for.
 
 A primal-dual interior-point method finds it: beside every link its dual ``Z_l`` (4 x 4, positive definite) with
@@ -257,7 +257,7 @@ class _Problem:
         H = M.T @ M
         known = self.arm.precision(state.phi) * self.unit**2
         H[np.diag_indices(len(H))] += np.concatenate([np.ones(count), known])
-        H[np.diag_indices(len(H))] += np.where(np.diag(H) > 0, 0.0, 1.0)  # a drive that no row shows stays at zero
+        H[np.diag_indices(len(H))] += np.where(np.diag(H) > 0, 0.0, 1.0)  # a drive that no row shows remains at zero
         # Squaring costs digits of the step, none of the place that it goes to: there the slope itself vanishes.
         size = np.sqrt(np.diag(H))
         scaled = H / np.outer(size, size)

@@ -40,7 +40,7 @@ class JointWords:
     ----------
     signals : name of a drive's signal to what it is called at this joint
     texts : text of an effect to its text at this joint
-    units : patterns in a unit as effects have it, one after another, and what stands there at this joint
+    units : patterns in a unit as effects have it, one after another, and what is there at this joint
     """
 
     signals: Mapping[str, str]

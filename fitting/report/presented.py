@@ -1,7 +1,7 @@
 """What a page needs beyond the numbers of `report.json`: the verdict as a sentence, figures as values, and messages.
 
 They are added keys of `hilfit/report/1`: ``summary``, ``figures`` and ``messages``. A program that draws for people
-(the service's page) says and shows the same as `report.html` without knowing the wording or the signals.
+(the service's page) states and shows the same as `report.html` without knowing the wording or the signals.
 """
 
 from __future__ import annotations

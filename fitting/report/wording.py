@@ -14,7 +14,7 @@ from fitting.report.languages import ENGLISH, NAMES, Language
 from fitting.report.schema.definition import looked
 from fitting.report.text import change, moved, number
 
-#: Units of what says which variant of an effect it is, and not how large.
+#: Units of what states which variant of an effect it is, and not how large.
 _NO_SIZES = ("choice", "index")
 #: Measured and derived signals as programs write them; joints and files may be called anything else with underscores.
 _SIGNALS = {
@@ -113,7 +113,7 @@ def sizes(parameters: Mapping[str, Any] | None, most: int = 4, language: Languag
     return language.phrase(", ").join(parts)
 
 
-#: An effect with more sizes than that is a curve, and said by what it does: nobody reads coefficients.
+#: An effect with more sizes than that is a curve, and reported by what it does: nobody reads coefficients.
 _READ = 2
 #: What such an effect does, by whether it is friction and whether its place is a position.
 _UP_TO = {
@@ -243,7 +243,7 @@ def label(loop: Mapping[str, Any], language: Language = ENGLISH) -> str:
 
 
 def _verdict(loop: Mapping[str, Any]) -> str:
-    """Return the verdict; where nothing was searched, reports of earlier versions say that nothing is missing."""
+    """Return the verdict; where nothing was searched, reports of earlier versions state that nothing is missing."""
     verdict = str(loop["verdict"])
     return "not_examined" if verdict == "nothing_missing" and not looked(loop) else verdict
 

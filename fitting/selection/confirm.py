@@ -66,7 +66,7 @@ class Answer:
     def left_of(self, odds: float) -> float:
         """Compute what is left of the log odds of a refused term: more likely than nothing, it is something unknown.
 
-        Blocks that were left out were fitted to find it: what they say is all that is left. The validation motion was
+        Blocks that were left out were fitted to find it: what they state is all that is left. The validation motion was
         not, and its density counts beside the odds.
         """
         if self.found.held_out.confirmed <= CONFIRMED:

@@ -5,7 +5,7 @@ Everything that enters a regression goes through two symmetric FIR filters, so n
 1. the *trajectory filter* smooths positions and, convolved with central differences of high order, gives their
    derivatives. It is flat over the identification band, so the smoothed motion is the motion there;
 2. the *identification filter* is applied alike to the measured effort and to every regressor column ("parallel
-   filtering": a linear relation between unfiltered signals stays the same relation between filtered ones), and
+   filtering": a linear relation between unfiltered signals remains the same relation between filtered ones), and
    its output is decimated to a rate just above twice its stop band.
 
 Only the part of a convolution where the kernel fits wholly inside the data is kept: no made-up samples at the ends.
@@ -293,7 +293,7 @@ def lag_between(first: npt.ArrayLike, second: npt.ArrayLike, most: int) -> int:
     return best
 
 
-#: Of a cycle, in each of which what follows stands at its mean: what crosses an edge within a cycle is beyond it for a
+#: Of a cycle, in each of which what follows is at its mean: what crosses an edge within a cycle is beyond it for a
 #: part of it, which its mean over the cycle does not know.
 PARTS = 4
 

@@ -40,7 +40,7 @@ def repeated_rows(recording: Recording) -> BoolArray:
     """Find rows (N,) that a recorder wrote once more for want of new ones, seen as steps in a motion.
 
     Every channel has the value of the row before there, although they repeat it so seldom elsewhere that not one such
-    row is to be expected. What lasts longer is a machine that stands, or a device that hangs, and more than a third of
+    row is to be expected. What lasts longer is a machine at rest, or a device that hangs, and more than a third of
     all rows is another rate.
     """
     count, alike = len(recording) - 1, np.ones(max(len(recording) - 1, 0), dtype=bool)

@@ -19,7 +19,7 @@ Motion = tuple[FloatArray, FloatArray, FloatArray]
 _TINY = 1e-300
 #: Rest shorter than this, s, is a reversal; the expected sign (:mod:`fitting.arm.expected`) handles it.
 REST_SECONDS = 0.3
-#: Rows that a fourth difference needs beside its own, and the share of a channel's rows that tell its noise.
+#: Rows that a fourth difference needs beside its own, and the share of a channel's rows that determine its noise.
 _TAPS, _LEAST = 4, 0.05
 
 
@@ -27,7 +27,7 @@ _TAPS, _LEAST = 4, 0.05
 class VelocityShare:
     """Weight of the velocity channel, 0 to 1, in a joint's speed and in its acceleration.
 
-    Two sources say how fast a joint turns: the smoothed position's derivative, with the position's white noise through
+    Two sources state how fast a joint turns: the smoothed position's derivative, with its white noise through
     the first derivative's kernel, and the smoothed velocity channel, with its own noise through the smoothing kernel.
     They are averaged with the inverse of their variances; accelerations likewise, one derivative higher.
 

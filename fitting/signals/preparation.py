@@ -35,14 +35,14 @@ from fitting.signals.position_sensors import (
 
 PositionError = Callable[[FloatArray], FloatArray]
 #: Play between a joint's two position sensors. In the pin: piston and joint move apart, and each sensor is right for
-#: its own. In the piston's sensor: both move as the joint's sensor says.
+#: its own. In the piston's sensor: both move as the joint's sensor states.
 Play = Literal["pin", "sensor"]
 
-#: A joint is parked where it stays within this share of its reach for so long, s.
+#: A joint is parked where it remains within this share of its reach for so long, s.
 STILL, PARKED_SECONDS = 2e-3, 4.0
 # A speed below so many times its own noise has no sign worth using; five is the usual margin.
 REST_SPEED = 5.0
-# The first stretch of a recording that tells at what speed it begins.
+# The first stretch of a recording that determines at what speed it begins.
 _FIRST_SECONDS = 0.2
 # Samples of all joints together in one piece of a long recording: 80 s of six joints at 50 Hz, some 24 MB.
 PIECE_SAMPLES = 24_000
@@ -414,7 +414,7 @@ def _motion(
     x_raw = values[piston.name]
     smooth_x = bank.smooth(x_raw)
     if role == "unloaded":
-        # The rod is off its pin: the joint stands where its encoder says (or mid-range), the piston moves alone.
+        # The rod is off its pin: the joint is where its encoder states (or mid-range), the piston moves alone.
         parked = np.mean(joint.limits.position) if q_raw is None else float(np.mean(q_raw))
         q = np.full_like(smooth_x[0], parked)
         return (q, np.zeros_like(q), np.zeros_like(q), *smooth_x), None

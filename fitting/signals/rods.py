@@ -1,9 +1,9 @@
-"""Rows in which the rods are not where the recording's role says: on the arm, or off it (`unloaded`).
+"""Rows in which the rods are not where the recording's role states: on the arm, or off it (`unloaded`).
 
 A recording is often started before the pins are in, or before the last one is out. Where a joint and its piston are
-both measured, that shows: a piston on the arm stands where the linkage says; and a cylinder that is free holds nothing.
+both measured, that shows: a piston on the arm is where the linkage states; and a cylinder that is free holds nothing.
 Such rows belong to another machine, and a few of them are larger than anything that the loop looks for, so they are
-left out, and said.
+left out, and reported.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _APART, _DEVIATIONS = 0.02, 20.0
 _ORDINARY, _GUARD_S = 5.0, 0.5
 #: s; a shorter one is a fault of a sensor.
 _LEAST_S = 0.2
-#: A piston that moves by this share of its stroke tells whether its joint follows: what is left of its motion then is
+#: A piston that moves by this share of its stroke shows whether its joint follows: what is left of its motion then is
 #: less than the first share if the rod is on, and more than the second if it is off.
 _MOVES, _FOLLOWS, _ALONE = 0.01, 0.2, 0.5
 #: An effort at the beginning or end of an `unloaded` recording is the arm's where it is farther from the middle of the

@@ -30,8 +30,8 @@ from fitting.signals.filters import FilterBank
 _COEFFICIENTS = 6
 _ORDER = 10
 _EDGE = 1.4  # of the bandwidth: beyond it the identification filter leaves nothing
-_KNEE = 0.1  # of the bandwidth: frequencies below are told apart linearly, above in ratios
-# Neighbouring lines under a Hann window are correlated (4/9 and 1/36): so many say as much as one independent line.
+_KNEE = 0.1  # of the bandwidth: frequencies below are separated linearly, above in ratios
+# Neighbouring lines under a Hann window are correlated (4/9 and 1/36): so many state as much as one independent line.
 _LINES_A_WORD = 1.0 + 2.0 * (4.0 / 9.0 + 1.0 / 36.0)
 # Smoothness of a log-spectrum that is expected before any data, and coefficients' worth of that expectation.
 _TAU, _TAU_WEIGHT = 1.0, 4.0

@@ -1,6 +1,6 @@
 """Mistakes in what was recorded of a valve: another axis' command, its sign, before the dead band's compensation.
 
-And what recorded commands tell by themselves: the dead band that the controller in front of the valve compensates.
+And what recorded commands determine by themselves: the dead band that the controller in front of the valve compensates.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from fitting.valve.fit import Fit, fitted
 from fitting.valve.model import DELAY, WAYS, Structure
 from fitting.valve.rows import Axis
 
-#: m/s, and share of full command: below that an axis stands.
+#: m/s, and share of full command: below that an axis is at rest.
 STILL_SPEED, STILL_COMMAND = 1e-3, 0.02
 #: Of an error turned round or left as it is: nobody's command explains less.
 _TURNED, _NOTHING = 0.5, 0.8
@@ -25,7 +25,7 @@ _TURNED, _NOTHING = 0.5, 0.8
 _NO_EDGE = 0.01
 #: Largest command that leaves much of a valve unseen.
 _FAR = 0.6
-#: Share of full command: less is no dead band, and an axis that is never told more stays where it is.
+#: Share of full command: less is no dead band, and an axis that is never commanded more remains where it is.
 _REST = 0.01
 #: Natural logarithm of the odds of 95 %.
 _SURE = float(np.log(19.0))

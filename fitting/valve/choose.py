@@ -47,7 +47,7 @@ WORTH = 0.02
 VISIBLE = 0.003
 #: Errors whose ratio is below this are alike where two effects are known for their likeness.
 ALIKE = 1.25
-#: Samples by which shapes can be told from one another.
+#: Samples by which shapes can be separated from one another.
 ENOUGH = 12_000
 #: Log odds by which a law, or a curve, has to be better than a simpler one.
 LAW_ODDS = 1.0
@@ -257,7 +257,7 @@ def _with_laws(axis: Axis, fit: Fit) -> tuple[Fit, dict[str, dict[str, float]]]:
     """Choose each direction's law, one after the other and the first once more."""
     ids = laws_for(pressures=axis.has_pressures, supply=axis.has_supply, compensated=axis.valve.compensated)
     tried: dict[str, dict[str, float]] = {way: {} for way in WAYS}
-    declared = axis.valve.compensated is True  # what the file says has nothing to earn
+    declared = axis.valve.compensated is True  # what the file states has nothing to earn
     if len(ids) < 2:
         return fit, tried
     for way in (0, 1, 0):

@@ -37,7 +37,7 @@ PAST = 3.0
 MOVING_SHARE = 0.2
 #: Of slopes: share of full command, and s.
 EDGE_STEP, DELAY_STEP = 1e-3, 5e-3
-#: Standard deviations from which on a number is said to have moved.
+#: Standard deviations from which on a number is reported to have moved.
 SURE = 3.0
 
 

@@ -2,7 +2,7 @@
 
 The formula (:func:`fitting.valve.inverse.inverse_graph`) is printed by the dialects of the model's own export. Each
 file has beside it what a graph cannot express: numbers that are none give the neutral command, missing pressures the
-reference, and whether the axis moved decides where it starts. The text of every file says what else a controller owes
+reference, and whether the axis moved decides where it starts. The text of every file states what else a controller owes
 the machine.
 """
 

@@ -30,9 +30,9 @@ from fitting.valve.laws import LAWS
 from fitting.valve.model import WAYS
 
 CLIPPED, NO_NUMBER, NO_PRESSURE = 1, 2, 4
-#: Share of the speed at full command below which a standing axis stays at rest; three times that sets it moving.
+#: Share of the speed at full command below which a standing axis remains at rest; three times that sets it moving.
 REST_SHARE = 0.005
-#: Of the reference drop: less is not believed.
+#: Of the reference drop: less is not trusted.
 LEAST_SHARE = 0.02
 #: What is given, in this order: m/s, Pa (of whatever is not known any number, with ``known`` 0), 1 and 0.
 GIVEN = ("speed", "head", "rod", "supply", "tank", "known", "moving")
@@ -256,7 +256,7 @@ def _opening(graph: Graph, own: Direction, speed: Node | float) -> Node:
     return graph.curve(speed, Curve(speeds, np.column_stack([nothing, nothing, slopes, openings[:-1]])))
 
 
-#: Effects that are in the inverse, or that it needs not undo: a delay is for whoever looks ahead.
+#: Effects that are in the inverse, or that it needs not undo: a delay is for whoever looks forward.
 _HARMLESS = ("delay_per_direction", "undeclared_orifice")
 
 

@@ -136,7 +136,7 @@ def _undirected(axis: Axis, structure: Structure, delay: float) -> dict[str, Flo
     """Compute what oil stiffness and effects add to the speed (N,), by the balance of the filled chamber."""
     signals, result = axis.signals, dict[str, FloatArray]()
     delayed_way = delayed(signals.parts, signals.last_way, delay * axis.bank.rate_hz)
-    share = 0.5 * (1.0 + delayed_way)  # of what the head's balance says of the speed; both say the same at rest
+    share = 0.5 * (1.0 + delayed_way)  # of what the head's balance states of the speed; both state the same at rest
     if structure.stiffness:
         head, rod = signals.rates
         left = np.clip(signals.x, 0.0, axis.cylinder.stroke)

@@ -3,7 +3,7 @@
 A pump holds a pressure ``c - r Q``, a load-sensing one above the highest load of an open axis. That it follows late, as
 its valve is a spool of its own; taken at once, each jump of the load looks like noise of what is held. Transducers have
 zeros of their own, so ``c`` is another one over each chamber. Where a pump gives all that it has, the pressure falls
-from there, and the flow ``Q`` stays, or the power ``p Q``. No axis shows that by itself: its speed is what is left of
+from there, and the flow ``Q`` remains, or the power ``p Q``. No axis shows that by itself: its speed is what is left of
 the pressure. So rows are of three kinds, in unknown shares: on the line and below the limit; at the limit and anywhere
 below the line; transients, anywhere at all. A row is of the same kind as the last one, or drawn anew: transients are
 short, a limit lasts. Against a line without a limit it has to be worth its numbers (Schwarz), in rows that count for as
@@ -32,7 +32,7 @@ from fitting.valve.inverse import direction_of
 from fitting.valve.model import SIGNS
 from fitting.valve.rows import Axis
 
-#: Of the largest flow: rows below it tell nothing of a pump.
+#: Of the largest flow: rows below it determine nothing of a pump.
 STILL = 0.02
 #: Shares of rows below a limit at which the search begins; how widely, as a share of it, flows at a limit may spread.
 _BEGIN, _SPREAD = (0.5, 0.8, 0.9, 0.95, 0.98, 0.99, 0.995), 0.05
@@ -115,7 +115,7 @@ def _limit(flow: FloatArray, held: FloatArray, sides: FloatArray, per: FloatArra
     logs, limit, spread, share = max(tried, key=lambda own: float(own[0].sum()))
     gained = logs - _mixture(flow, held, sides, per, None)[0]
     rows = len(gained) / long_run(gained - gained.mean())
-    there = max(share * rows, 1.0)  # rows that tell where the limit is
+    there = max(share * rows, 1.0)  # rows that determine where the limit is
     odds = rows * float(gained.mean()) - 0.5 * float(np.log(rows)) - float(np.log(there))
     return PumpLimit(limit, spread / float(np.sqrt(there)), unit, odds)
 

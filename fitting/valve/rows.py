@@ -1,12 +1,12 @@
 """From recordings to the rows that a valve is fitted on: command, pressures and measured speed of one axis.
 
-The error is one of speed. What the valve is told goes through its non-linearity at the recording's full rate and
+The error is one of speed. What the valve is commanded goes through its non-linearity at the recording's full rate and
 through the same two symmetric filters as the position afterwards (:mod:`fitting.signals.filters`); filtering the
 command first would move the edges of its dead band.
 
 Rows are left out where something else than the valve decides the speed: the rod within 2 % of its ends, less than 2 bar
 in the chamber that is filled (cavitation), less than 3 bar between supply and that chamber, a position that is stale.
-Behind a valve that is told to shut a chamber below the tank's pressure draws oil through its make-up valve: those, too.
+Behind a valve that shuts, a chamber below the tank's pressure draws oil through its make-up valve: those too.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class Signals:
 
 
 class Counted(Protocol):
-    """What says which drops gains are given at and to which commands curves are counted: an axis, as fitted."""
+    """What states which drops gains are given at and to which commands curves are counted: an axis, as fitted."""
 
     @property
     def drops(self) -> FloatArray: ...

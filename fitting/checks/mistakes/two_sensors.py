@@ -5,9 +5,9 @@ catalogue: up to some per cent of the stroke. What is more has to be explained b
 another sign, another joint's sensor, other pins, other clocks); each leaves its constant free, because an offset is the
 most ordinary thing of all.
 
-Where two sensors contradict each other in some recordings and agree in others, rods are off where the role says they
+Where two sensors contradict each other in some recordings and agree in others, rods are off where the role states they
 are on, or on in an `unloaded` recording, or a recording is of another machine: then nothing is wrong with the machine
-file, and that recording alone is left out. So are single seconds of one, in which the rods are not where the role says.
+file, and that recording alone is left out. So are single seconds of one, in which the rods are elsewhere.
 """
 
 from __future__ import annotations
@@ -226,7 +226,7 @@ def recordings_apart(machine: Machine, recordings: Sequence[Recording]) -> tuple
 
 
 def rods_for_a_time(machine: Machine, recordings: Sequence[Recording]) -> tuple[list[Finding], list[Recording]]:
-    """Find recordings whose rods are not where the role says for a time, and leave out those rows.
+    """Find recordings whose rods are not where the role states for a time, and leave out those rows.
 
     An identification leaves the same rows out. Recordings in which that is so all the time are
     :func:`recordings_apart`, and are returned as they are.

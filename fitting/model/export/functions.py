@@ -31,7 +31,7 @@ _LETTERS = {letter: name for name, letter in ARRAYS.items()}
 NUMBERS = ("t", "dt", "temperature")
 _KEYWORDS = {"int", "float", "double", "long", "short", "char", "void", "for", "do", "if", "else", "while", "main"}
 
-#: What stands for an entry of an array; ``None`` asks for the word of a single number.
+#: What is written for an entry of an array; ``None`` asks for the word of a single number.
 Word = Callable[[str, int | None], str]
 
 

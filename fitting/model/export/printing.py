@@ -20,7 +20,7 @@ class Dialect:
 
     Attributes
     ----------
-    declare : what stands before a temporary's name
+    declare : what is before a temporary's name
     assign : sign between a name and its value
     end : what ends a statement
     functions : names of functions and, with ``{0}``, patterns of operations

@@ -127,7 +127,7 @@ def scores_in(found: Evaluated, index: int) -> Scores:
         known = expected_sign(segment.v[:, joint], model.noise[joint].sign)
         most = abs(model.drive_values(joint).get("f_c", 0.0))  # Coulomb friction, N or N m
         rest = segment.rest[:, joint]
-        held = error[:, joint] + most * known  # with the friction that the sign of speed stands for
+        held = error[:, joint] + most * known  # with the friction that the sign of speed represents
         error[:, joint] = np.where(rest, np.sign(held) * np.maximum(np.abs(held) - most, 0.0), error[:, joint])
         open_friction = most * np.sqrt(np.maximum(1.0 - known**2, 0.0))
         band[:, joint] = np.where(rest, band[:, joint], np.hypot(band[:, joint], open_friction))

@@ -2,7 +2,7 @@
 
 The regressor's column of the last link's mass is what the effect ``payload`` adds. Within a window of some seconds the
 joints are weighted by what is left of their residuals, and rows that follow each other are as dependent as their first
-autocorrelation says. A payload that was there in the recordings of the fit is part of the last link.
+autocorrelation states. A payload that was there in the recordings of the fit is part of the last link.
 """
 
 from __future__ import annotations

@@ -56,7 +56,7 @@ def loop_content(session: Session, results: StageResults, model: Model) -> dict[
     found, kinematics, effects, unexplained = results[Attributed], results[Residual].kinematics, [], []
     added = {term.family for term in found.terms}
     for finding in kinematics:
-        if (finding.steps[0]["effect"], finding.steps[0]["joint"]) not in added:  # a name is said once
+        if (finding.steps[0]["effect"], finding.steps[0]["joint"]) not in added:  # a name is reported once
             effects.append(finding.effect)
     for number, accepted in enumerate(found.accepted):
         content = accepted.term.content
@@ -237,7 +237,7 @@ def detection_limits(machine: Machine, found: Attribution) -> tuple[dict[str, An
         determined = [number for number, std in enumerate(score.stds) if std > 0]
         if score.term.family in accused or isinstance(content, Law) or not determined:
             continue
-        # The chi-square that accuses, for the first parameter that this motion tells at all, with the others free.
+        # The chi-square that accuses, for the first parameter that this motion determines at all, with the others free.
         size = visible_size(least_gain(score.live, score.grid), score.live, LIMIT_POWER)
         parameter = content.parameters[determined[0]]
         limits.append(

@@ -34,7 +34,7 @@ class AcceptedTerm:
     Attributes
     ----------
     term : the effect or law
-    rivals, evidence, probability : what report.json says of it, however large the final fit finds it
+    rivals, evidence, probability : what report.json states of it, however large the final fit finds it
     """
 
     term: StoredTerm

@@ -44,9 +44,9 @@ from fitting.residual.terms import Model
 #: What the joint refit's weights make it, and its deviations.
 _ESTIMATORS = {"whitened": "gls", "equal": "joint_ols"}
 _COVARIANCES = {"whitened": "whitened", "equal": "hac"}
-#: Share of a parameter's information from the data below which it is said to be from the prior.
+#: Share of a parameter's information from the data below which it is reported to be from the prior.
 MOSTLY_PRIOR = 0.5
-#: Times the training error from which on the motion of ``validate`` is said to go beyond what was told.
+#: Times the training error from which on the motion of ``validate`` is reported to go beyond what was trained on.
 BEYOND = 2.0
 
 

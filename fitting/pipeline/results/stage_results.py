@@ -38,7 +38,7 @@ class Checked:
     bandwidth_hz : of the identification filter
     self_check : largest difference of the regressor from Newton and Euler's equations, relative
     standard_parameters, base_parameters : how many there are
-    repeated : whether two runs of one motion tell noise from structure
+    repeated : whether two runs of one motion separate noise from structure
     findings : of the checks of files and wiring
     """
 
@@ -63,11 +63,11 @@ class Stacked:
 
     Attributes
     ----------
-    estimator, details : which, and what it had to say
+    estimator, details : which, and what it reported
     theta, std, determined : (p,) values, deviations (0 where there is none), and whether the motion determines each
     condition_number : of the column-scaled regressor
     errors : sizes of errors on the uncorrected recordings, in each joint's effort unit
-    relative : relative error of all joints by role; ``of`` says which way
+    relative : relative error of all joints by role; ``of`` states which way
     """
 
     estimator: str
@@ -99,7 +99,7 @@ class RigidBody:
 
 @stored
 class Residual:
-    """Noise floor, and what two position sensors say of each other.
+    """Noise floor, and what two position sensors state of each other.
 
     Attributes
     ----------

@@ -17,7 +17,7 @@ from fitting.residual.terms import Term
 _T = TypeVar("_T")
 
 
-# Their types say that infinities are numbers here, which JSON itself does not have.
+# Their types state that infinities are numbers here, which JSON itself does not have.
 def _numbers_to_json(value: FloatArray) -> list[float] | list[list[float]]:
     return list(value.tolist())
 

@@ -1,7 +1,7 @@
 """The model in C99: no allocation, no state of its own, no library but libm; doubles and floats.
 
 A folder with ``<name>.h``, ``<name>.c`` and ``<name>_selftest.c``, which holds tables of states and of a motion and of
-what the model says of them, and exits with 1 where the compiled code says otherwise. What a model with a history
+what the model states of them, and exits with 1 where the compiled code states otherwise. What a model with a history
 remembers is an array of the caller's.
 """
 

@@ -230,7 +230,7 @@ def _chains(graph: Graph, columns: list[list[Node]], moments: Sequence[Mapping[s
         if a.value != b.value:
             return False
         orders = [b.arguments, b.arguments[::-1]] if a.operation in ("add", "mul") else [b.arguments]
-        for order in orders:  # which of two stands first is chance
+        for order in orders:  # which of two is first is chance
             trial = list(found)
             if all(cut(x, y, moment, trial) for x, y in zip(a.arguments, order, strict=True)):
                 found[:] = trial

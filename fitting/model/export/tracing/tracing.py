@@ -38,7 +38,7 @@ from fitting.residual.terms import Term
 from fitting.residual.views import RodLaw, views_of_segment
 from fitting.signals.preparation import Segment
 
-#: What terms with a history say: nothing (settled), what they say at a motion's first moment, or at a later one.
+#: What terms with a history state: nothing (settled), what they state at a motion's first moment, or at a later one.
 Past = Literal["settled", "first", "later"]
 
 
