@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -19,8 +20,9 @@ _BLOCK_SECONDS = 3.0
 _DRAWS = 1000
 #: Share by which no joint may get worse on `validate`, and the chance that a right model is refused for any joint.
 MOST_WORSE, REFUSES_RIGHT = 0.01, 0.001
-#: Chance that `validate` shows no gain of a right model, up to which it counts as a motion that can show it.
-MISSES_RIGHT = 0.01
+#: Standard deviations by which a right model falls short in one case of a hundred: up to so rarely `validate` counts as
+#: a motion that can show it, and only beyond it is what is handed out refused.
+_RARELY = NormalDist().inv_cdf(0.99)
 
 
 def overall_change(
@@ -196,16 +198,17 @@ class OnValidate:
     @property
     def has_power(self) -> bool:
         """True where a right model would be confirmed here in all but one case of a hundred."""
-        return self.expected > CONFIRMED + float(scipy.stats.norm.isf(MISSES_RIGHT)) * self.spread
+        return self.expected > CONFIRMED + _RARELY * self.spread
 
     @property
     def refutes(self) -> bool:
         """True where the rows speak against it as clearly as they have to for it, or are silent where they could speak.
 
-        The rows' density knows how uncertain the parameters are; what is handed out has their means. Neither may.
+        The rows' density knows how uncertain the parameters are. What is handed out has their means: it may not fall
+        as short either, unless a right model does so in more than one case of a hundred.
         """
         needed = CONFIRMED if self.has_power and np.isfinite(self.expected) else -CONFIRMED
-        return min(self.predicted, self.gain) < needed
+        return self.predicted < needed or (self.gain < needed and self.short > _RARELY)
 
 
 def on_validate(
