@@ -83,11 +83,11 @@ class Word(Scaled):
         if self.mask is None:
             return self
         if self.data_type.startswith("float"):
-            raise BadValueError("daq.mask_integers", data_type=self.data_type)
+            raise BadValueError("daq.mask_integers", at=("mask",), data_type=self.data_type)
         if self.mask >> (int(self.data_type.lstrip("uint"))):
-            raise BadValueError("daq.mask_more_bits", mask=f"{self.mask:X}", data_type=self.data_type)
+            raise BadValueError("daq.mask_more_bits", at=("mask",), mask=f"{self.mask:X}", data_type=self.data_type)
         if (low := self.mask & -self.mask) and (self.mask // low + 1) & self.mask // low:
-            raise BadValueError("daq.mask_gap", mask=f"{self.mask:X}")
+            raise BadValueError("daq.mask_gap", at=("mask",), mask=f"{self.mask:X}")
         return self
 
     @property
@@ -99,7 +99,8 @@ class Word(Scaled):
     def _decimals_from_one(self) -> Word:
         beside = [key for key in ("decimals", "mask", "modulo", "zero") if getattr(self, key)]
         if self.asks_decimals and beside:
-            raise BadValueError("daq.not_go_together", decimals_key=self.decimals_key, beside=beside[0])
+            key = self.decimals_key
+            raise BadValueError("daq.not_go_together", at=(key,), decimals_key=key, beside=beside[0])
         return self
 
 
@@ -186,7 +187,7 @@ class SignalSource(Scaled):
     @model_validator(mode="after")
     def _one_name(self) -> SignalSource:
         if self.message is not None and self.pgn is not None:
-            raise BadValueError("daq.message_pgn_both_say", signal=self.signal)
+            raise BadValueError("daq.message_pgn_both_say", at=("message",), signal=self.signal)
         return self
 
 
@@ -280,7 +281,7 @@ class CanopenBus(_CanBus):
     @model_validator(mode="after")
     def _led_by_one(self) -> CanopenBus:
         if self.sync == "external" and not self.listen_only:
-            raise BadValueError("daq.sync_external_means_another")
+            raise BadValueError("daq.sync_external_means_another", at=("sync",))
         return self
 
 
@@ -351,7 +352,7 @@ class OtherBus(AnyBus):
         kind = value.get("type") if isinstance(value, dict) else None
         hint = did_you_mean(str(kind), BUS_TYPES)
         if hint:
-            raise BadValueError("daq.no_bus_type", kind=kind, hint=hint)
+            raise BadValueError("daq.no_bus_type", at=("type",), kind=kind, hint=hint)
         return value
 
 
@@ -366,7 +367,7 @@ class KnownDelay(FileModel):
     @model_validator(mode="after")
     def _two_buses(self) -> KnownDelay:
         if self.bus == self.behind:
-            raise BadValueError("daq.bus_cannot_behind_itself", bus=self.bus)
+            raise BadValueError("daq.bus_cannot_behind_itself", at=("bus",), bus=self.bus)
         return self
 
 

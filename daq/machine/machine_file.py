@@ -107,6 +107,7 @@ class Hydraulics(FileModel):
         if self.supply_pressure is not None and self.supply_pressure <= self.tank_pressure:
             raise BadValueError(
                 "daq.supply_pressure_pa_must_above",
+                at=("supply_pressure",),
                 supply_pressure=self.supply_pressure,
                 tank_pressure=self.tank_pressure,
             )
@@ -131,9 +132,9 @@ class Machine(FileModel):
 
     @model_validator(mode="after")
     def _hangs_together(self) -> Machine:
-        problems = incoherences(self)
-        if problems:
-            raise IncoherenceError(problems)
+        located = incoherences(self)
+        if located:
+            raise IncoherenceError(located)
         return self
 
     @property
