@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeAlias, Union, get_args
 
@@ -228,7 +230,7 @@ class CanNode(FileModel):
 
 
 class AnyBus(FileModel):
-    """What every bus has: a name, and in ``type`` which kind it is; that is its driver's entry point as well.
+    """What every bus has: a name, and in ``type`` which kind it is.
 
     Attributes
     ----------
@@ -371,17 +373,46 @@ class KnownDelay(FileModel):
         return self
 
 
-#: All kinds of buses that are known here: a line for each, and its driver below ``hilfit.drivers`` in pyproject.toml.
-BUSES: tuple[type[AnyBus], ...] = (
-    CanopenBus,
-    CanSignalsBus,
-    ModbusTcpBus,
-    ModbusRtuBus,
-)
+@dataclass(frozen=True)
+class BusKind:
+    """A kind of bus that is known here.
 
-_TAGGED: dict[str, type[AnyBus]] = {get_args(bus.model_fields["type"].annotation)[0]: bus for bus in BUSES}
+    Attributes
+    ----------
+    bus : its keys
+    driver : ``module:name`` of what makes its driver, loaded where one is made
+    example : such a bus, but for its name and type; tests try what else may stand at its places
+    source : where a channel on it comes from, but for the bus's name
+    """
+
+    bus: type[AnyBus]
+    driver: str
+    example: Mapping[str, Any]
+    source: Mapping[str, Any]
+
+    @property
+    def tag(self) -> str:
+        """What ``type:`` of such a bus says."""
+        return str(get_args(self.bus.model_fields["type"].annotation)[0])
+
+
+_REGISTER = {"unit": 1, "register": 6, "data_type": "float32"}
+#: All kinds of buses that are known here. What else there is are entry points ``hilfit.drivers`` of other packages.
+BUSES: tuple[BusKind, ...] = (
+    BusKind(CanopenBus, "daq.drivers.canopen.driver:canopen_driver",
+            {"interface": "socketcand", "channel": "can0", "options": {"host": "192.0.2.10", "port": 29536},
+             "nodes": [{"node": 5}]},
+            {"node": 5, "object": 0x6004, "data_type": "uint32"}),
+    BusKind(CanSignalsBus, "daq.drivers.can.signals:CanSignalsDriver",
+            {"interface": "slcan", "channel": "/dev/ttyACM0", "options": {"tty_baudrate": 115200}, "dbc": ["arm.dbc"]},
+            {"signal": "Angle"}),
+    BusKind(ModbusTcpBus, "daq.drivers.modbus.driver:ModbusTcpDriver", {"host": "192.0.2.10"}, _REGISTER),
+    BusKind(ModbusRtuBus, "daq.drivers.modbus.driver:ModbusRtuDriver", {"port": "/dev/ttyUSB0"}, _REGISTER),
+)  # fmt: skip
+
+_TAGGED: dict[str, type[AnyBus]] = {kind.tag: kind.bus for kind in BUSES}
 BUS_TYPES = tuple(_TAGGED)
-_SOURCES: tuple[type[Scaled], ...] = tuple(dict.fromkeys((OtherSource, *(bus.source for bus in BUSES))))
+_SOURCES: tuple[type[Scaled], ...] = tuple(dict.fromkeys((OtherSource, *(kind.bus.source for kind in BUSES))))
 
 
 def source_of(value: Any) -> Any:
