@@ -9,12 +9,11 @@ from typing import Any, Literal
 import yaml
 from pydantic import ValidationError
 
-from daq import safe_yaml
 from daq.errors import MachineFileError
 from daq.machine.buses import CanopenBus, CanSignalsBus
 from daq.machine.coherence import incoherences
 from daq.machine.joints import Cylinder, Drive, Joint
-from daq.machine.machine_file import Channel, Machine, machine_problems, read_machine_text
+from daq.machine.machine_file import Channel, Machine, content_of, machine_of, read_machine_text
 from daq.machine.machine_file_errors import Place, Problem, line_of
 from daq.machine.plausible import unusual_values, unusual_valves
 from daq.machine.travel import travel_of
@@ -44,11 +43,10 @@ def check_machine(path: str | Path) -> Checked:
         If there is no text to look at.
     """
     text = read_machine_text(Path(path))
-    try:
-        machine, problems = machine_problems(text, str(path), Path(path).absolute().parent)
-    except MachineFileError as error:  # no YAML, or of another kind: there is nothing else to say of it
-        return Checked(None, (_alone(str(error), str(path)),))
-    tree, content = safe_yaml.read(text)
+    tree, content, problem = content_of(text)
+    if problem is not None:  # no YAML, or of another kind: there is nothing else to say of it
+        return Checked(None, (problem,))
+    machine, problems = machine_of(tree, content, Path(path).absolute().parent)
     if machine is None and all(p.key for p in problems):  # parts are wrong, so that nobody looked at the whole
         problems += [Problem(line_of(tree, place), "", text) for place, text in _of_the_parts(content)]
     findings = list(problems)
@@ -144,16 +142,6 @@ def _channel(raw: object) -> Channel | None:
         if not isinstance(quantity, str) or quantity not in SI_UNITS:
             return None
         return Channel.model_construct(name=name, quantity=quantity, joint=joint, unit=unit)
-
-
-def _alone(text: str, name: str) -> Problem:
-    """Make a finding of an error that is one line already."""
-    rest = text.removeprefix(name)
-    line = None
-    if rest.startswith(":") and rest[1:].split(":")[0].isdigit():
-        number = rest[1:].split(":")[0]
-        line, rest = int(number), rest[1 + len(number) :]
-    return Problem(line, "", rest.lstrip(": "))
 
 
 def facts_of(machine: Machine) -> dict[str, Any]:
