@@ -46,10 +46,14 @@ class InputError(HilfitError):
 
 
 class BadValueError(ValueError):
-    """A value that cannot be, with the parameters of :class:`HilfitError`; pydantic's validators may raise it."""
+    """A value that cannot be, with the parameters of :class:`HilfitError`; pydantic's validators may raise it.
 
-    def __init__(self, code: str, /, **values: Any) -> None:
+    ``at`` is its place: keys, and numbers in lists, that lead to it from the part that is looked at.
+    """
+
+    def __init__(self, code: str, /, *, at: tuple[str | int, ...] = (), **values: Any) -> None:
         super().__init__(Sentence(code, **values))
+        self.at = at
 
 
 class MachineFileError(InputError):

@@ -1,4 +1,4 @@
-"""Contract of drivers. Adding one: a file, a line under ``hilfit.drivers`` in TOML, a call of the conformance check.
+"""Contract of drivers. Adding one: a file, its bus in :mod:`daq.machine.buses`, a call of the conformance check.
 
 A driver serves one bus of the machine file. Every cycle goes::
 
@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -21,6 +22,7 @@ from daq.arrays import FlagArray, FloatArray, IntArray
 from daq.drivers.found_setups import FoundSetups
 from daq.errors import MachineFileError
 from daq.frames.events import EventLog
+from daq.machine.buses import BUSES
 from daq.machine.machine_file import Channel
 from daq.quality import Quality
 from daq.seams import DRIVERS
@@ -258,8 +260,11 @@ def by_device(channels: Sequence[Channel], number: Callable[[Any], int]) -> dict
 
 
 def make_driver(bus: Any, channels: Sequence[Channel], context: DriverContext) -> Driver:
-    """Make the driver for an entry of ``buses:``; its entry point is named after the type of bus."""
-    if bus.type not in (names := DRIVERS.names()):
-        raise MachineFileError("daq.bus_no_driver_type", bus=bus.name, type=bus.type, names=", ".join(names))
-    made: Driver = DRIVERS.load(bus.type)(bus, channels, context)
+    """Make the driver for an entry of ``buses:``, of ``BUSES`` or of another package's entry point for its type."""
+    own, others = {kind.tag: kind.driver for kind in BUSES}, DRIVERS.names()
+    if bus.type not in own and bus.type not in others:
+        names = ", ".join(sorted({*own, *others}))
+        raise MachineFileError("daq.bus_no_driver_type", bus=bus.name, type=bus.type, names=names)
+    kind = resolve_name(own[bus.type]) if bus.type in own else DRIVERS.load(bus.type)
+    made: Driver = kind(bus, channels, context)
     return made

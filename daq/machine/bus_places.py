@@ -90,7 +90,7 @@ def check_can(interface: str, channel: str, options: Mapping[str, object]) -> No
     if interface in SERIAL_INTERFACES:
         serial_port(channel)
     elif not _CHANNEL.fullmatch(channel):
-        raise BadValueError("daq.channel_none", channel=channel, interface=interface)
+        raise BadValueError("daq.channel_none", at=("channel",), channel=channel, interface=interface)
     try:
         _OPTIONS[interface].model_validate(dict(options))
     except ValidationError as error:
@@ -98,7 +98,12 @@ def check_can(interface: str, channel: str, options: Mapping[str, object]) -> No
         key = ".".join(str(part) for part in first["loc"])
         known = ", ".join(_OPTIONS[interface].model_fields)
         raise BadValueError(
-            "daq.options_takes", key=key, lower=first["msg"].lower(), interface=interface, known=known
+            "daq.options_takes",
+            at=("options", *first["loc"]),
+            key=key,
+            lower=first["msg"].lower(),
+            interface=interface,
+            known=known,
         ) from None
 
 

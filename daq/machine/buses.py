@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeAlias, Union, get_args
 
@@ -83,11 +85,11 @@ class Word(Scaled):
         if self.mask is None:
             return self
         if self.data_type.startswith("float"):
-            raise BadValueError("daq.mask_integers", data_type=self.data_type)
+            raise BadValueError("daq.mask_integers", at=("mask",), data_type=self.data_type)
         if self.mask >> (int(self.data_type.lstrip("uint"))):
-            raise BadValueError("daq.mask_more_bits", mask=f"{self.mask:X}", data_type=self.data_type)
+            raise BadValueError("daq.mask_more_bits", at=("mask",), mask=f"{self.mask:X}", data_type=self.data_type)
         if (low := self.mask & -self.mask) and (self.mask // low + 1) & self.mask // low:
-            raise BadValueError("daq.mask_gap", mask=f"{self.mask:X}")
+            raise BadValueError("daq.mask_gap", at=("mask",), mask=f"{self.mask:X}")
         return self
 
     @property
@@ -99,7 +101,8 @@ class Word(Scaled):
     def _decimals_from_one(self) -> Word:
         beside = [key for key in ("decimals", "mask", "modulo", "zero") if getattr(self, key)]
         if self.asks_decimals and beside:
-            raise BadValueError("daq.not_go_together", decimals_key=self.decimals_key, beside=beside[0])
+            key = self.decimals_key
+            raise BadValueError("daq.not_go_together", at=(key,), decimals_key=key, beside=beside[0])
         return self
 
 
@@ -186,7 +189,7 @@ class SignalSource(Scaled):
     @model_validator(mode="after")
     def _one_name(self) -> SignalSource:
         if self.message is not None and self.pgn is not None:
-            raise BadValueError("daq.message_pgn_both_say", signal=self.signal)
+            raise BadValueError("daq.message_pgn_both_say", at=("message",), signal=self.signal)
         return self
 
 
@@ -227,7 +230,7 @@ class CanNode(FileModel):
 
 
 class AnyBus(FileModel):
-    """What every bus has: a name, and in ``type`` which kind it is; that is its driver's entry point as well.
+    """What every bus has: a name, and in ``type`` which kind it is.
 
     Attributes
     ----------
@@ -280,7 +283,7 @@ class CanopenBus(_CanBus):
     @model_validator(mode="after")
     def _led_by_one(self) -> CanopenBus:
         if self.sync == "external" and not self.listen_only:
-            raise BadValueError("daq.sync_external_means_another")
+            raise BadValueError("daq.sync_external_means_another", at=("sync",))
         return self
 
 
@@ -351,7 +354,7 @@ class OtherBus(AnyBus):
         kind = value.get("type") if isinstance(value, dict) else None
         hint = did_you_mean(str(kind), BUS_TYPES)
         if hint:
-            raise BadValueError("daq.no_bus_type", kind=kind, hint=hint)
+            raise BadValueError("daq.no_bus_type", at=("type",), kind=kind, hint=hint)
         return value
 
 
@@ -366,21 +369,50 @@ class KnownDelay(FileModel):
     @model_validator(mode="after")
     def _two_buses(self) -> KnownDelay:
         if self.bus == self.behind:
-            raise BadValueError("daq.bus_cannot_behind_itself", bus=self.bus)
+            raise BadValueError("daq.bus_cannot_behind_itself", at=("bus",), bus=self.bus)
         return self
 
 
-#: All kinds of buses that are known here: a line for each, and its driver below ``hilfit.drivers`` in pyproject.toml.
-BUSES: tuple[type[AnyBus], ...] = (
-    CanopenBus,
-    CanSignalsBus,
-    ModbusTcpBus,
-    ModbusRtuBus,
-)
+@dataclass(frozen=True)
+class BusKind:
+    """A kind of bus that is known here.
 
-_TAGGED: dict[str, type[AnyBus]] = {get_args(bus.model_fields["type"].annotation)[0]: bus for bus in BUSES}
+    Attributes
+    ----------
+    bus : its keys
+    driver : ``module:name`` of what makes its driver, loaded where one is made
+    example : such a bus, but for its name and type; tests try what else may stand at its places
+    source : where a channel on it comes from, but for the bus's name
+    """
+
+    bus: type[AnyBus]
+    driver: str
+    example: Mapping[str, Any]
+    source: Mapping[str, Any]
+
+    @property
+    def tag(self) -> str:
+        """What ``type:`` of such a bus says."""
+        return str(get_args(self.bus.model_fields["type"].annotation)[0])
+
+
+_REGISTER = {"unit": 1, "register": 6, "data_type": "float32"}
+#: All kinds of buses that are known here. What else there is are entry points ``hilfit.drivers`` of other packages.
+BUSES: tuple[BusKind, ...] = (
+    BusKind(CanopenBus, "daq.drivers.canopen.driver:canopen_driver",
+            {"interface": "socketcand", "channel": "can0", "options": {"host": "192.0.2.10", "port": 29536},
+             "nodes": [{"node": 5}]},
+            {"node": 5, "object": 0x6004, "data_type": "uint32"}),
+    BusKind(CanSignalsBus, "daq.drivers.can.signals:CanSignalsDriver",
+            {"interface": "slcan", "channel": "/dev/ttyACM0", "options": {"tty_baudrate": 115200}, "dbc": ["arm.dbc"]},
+            {"signal": "Angle"}),
+    BusKind(ModbusTcpBus, "daq.drivers.modbus.driver:ModbusTcpDriver", {"host": "192.0.2.10"}, _REGISTER),
+    BusKind(ModbusRtuBus, "daq.drivers.modbus.driver:ModbusRtuDriver", {"port": "/dev/ttyUSB0"}, _REGISTER),
+)  # fmt: skip
+
+_TAGGED: dict[str, type[AnyBus]] = {kind.tag: kind.bus for kind in BUSES}
 BUS_TYPES = tuple(_TAGGED)
-_SOURCES: tuple[type[Scaled], ...] = tuple(dict.fromkeys((OtherSource, *(bus.source for bus in BUSES))))
+_SOURCES: tuple[type[Scaled], ...] = tuple(dict.fromkeys((OtherSource, *(kind.bus.source for kind in BUSES))))
 
 
 def source_of(value: Any) -> Any:

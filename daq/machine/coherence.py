@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from daq.errors import BadValueError
 from daq.machine.buses import CanopenBus, CanSource, Word, object_of
 from daq.machine.joints import Joint, unique
-from daq.machine.machine_file_errors import did_you_mean
+from daq.machine.machine_file_errors import Place, did_you_mean
 from daq.machine.quantities import CYLINDER_QUANTITIES, JOINT_QUANTITIES, MOTOR_QUANTITIES, SENT_QUANTITIES
 from daq.messages import Sentence, named
 
@@ -24,32 +24,40 @@ class IncoherenceError(ValueError):
 
     Attributes
     ----------
-    texts : all of them, each one line that begins with its place
+    located : all of them, each its place and one line
     """
 
-    def __init__(self, texts: list[str]) -> None:
-        super().__init__(texts[0])
-        self.texts = tuple(texts)
+    def __init__(self, located: list[tuple[Place, str]]) -> None:
+        super().__init__(located[0][1])
+        self.located = located
 
 
-def incoherences(machine: Machine) -> list[str]:
-    """List everything that does not belong together in a machine file, a line each; later checks need earlier ones."""
+def incoherences(machine: Machine) -> list[tuple[Place, str]]:
+    """List everything that does not belong together in a machine file, place and line; later checks need earlier ones.
+
+    A check that does not say ``at`` which place it stopped is about the one that stands in front of it here.
+    """
     joints, channels = machine.joints, machine.channels
     problems = _of(
-        (unique, [joint.name for joint in joints], "joint"),
-        (unique, [channel.name for channel in channels], "channel"),
-        (unique, [bus.name for bus in machine.buses], "bus"),
+        (("joints",), unique, [joint.name for joint in joints], "joint", "joints"),
+        (("channels",), unique, [channel.name for channel in channels], "channel", "channels"),
+        (("buses",), unique, [bus.name for bus in machine.buses], "bus", "buses"),
     )
     if problems:
         return problems
-    problems = _of((_one_sync, machine), (_delayed_buses, machine), (_one_supply, machine))
-    problems += _of(*((_sets_nothing, machine, channel) for channel in channels if channel.quantity == "command"))
-    problems += _of(*((_channel, machine, index, channel) for index, channel in enumerate(channels)))
-    problems += _of(*((_couplings, machine, joint) for joint in joints))
+    problems = _of(
+        (("buses",), _one_sync, machine), (("delays",), _delayed_buses, machine), (("supply",), _one_supply, machine)
+    )
+    at_channels = [(("channels", index), channel) for index, channel in enumerate(channels)]
+    problems += _of(*((at, _sets_nothing, machine, own) for at, own in at_channels if own.quantity == "command"))
+    problems += _of(*((at, _channel, machine, at[1], channel) for at, channel in at_channels))
+    at_joints = [(("joints", index), joint) for index, joint in enumerate(joints)]
+    problems += _of(*((at, _couplings, machine, joint) for at, joint in at_joints))
     if problems:  # a channel that is nobody's makes its joint look unmeasured
         return problems
-    problems = _of(*((_measured, machine, joint.name) for joint in joints))
-    return problems or _of((_velocities_are_measured, machine), (_motors_determine, machine))
+    problems = _of(*((at, _measured, machine, joint.name) for at, joint in at_joints))
+    whole = ("joints",)
+    return problems or _of((whole, _velocities_are_measured, machine), (whole, _motors_determine, machine))
 
 
 def _one_sync(machine: Machine) -> None:
@@ -65,7 +73,9 @@ def _delayed_buses(machine: Machine) -> None:
         for name in (delay.bus, delay.behind):
             _known(name, names, "bus", f"delays[{number}]")
         if frozenset((delay.bus, delay.behind)) in known:
-            raise BadValueError("daq.delays_told_twice", number=number, bus=delay.bus, behind=delay.behind)
+            raise BadValueError(
+                "daq.delays_told_twice", at=("delays", number), number=number, bus=delay.bus, behind=delay.behind
+            )
         known.add(frozenset((delay.bus, delay.behind)))
 
 
@@ -78,18 +88,19 @@ def _one_supply(machine: Machine) -> None:
         ("flow_limit", supply.flow_limit, hydraulics.pump_flow, "pump_flow"),
     ):
         if one is not None and other is not None and one != other:
-            raise BadValueError("daq.supply_here_hydraulics", key=key, one=one, other=other, name=name)
+            at = ("supply", key)
+            raise BadValueError("daq.supply_here_hydraulics", at=at, key=key, one=one, other=other, name=name)
 
 
-def _of(*checks: tuple[Callable[..., None] | Any, ...]) -> list[str]:
-    """Collect texts of the checks that raise a ValueError."""
-    texts = []
-    for check, *arguments in checks:
+def _of(*checks: tuple[Any, ...]) -> list[tuple[Place, str]]:
+    """Collect places and texts of the checks that raise a ValueError; each stands behind its place."""
+    located = []
+    for place, check, *arguments in checks:
         try:
             check(*arguments)
         except ValueError as error:
-            texts.append(str(error))
-    return texts
+            located.append((getattr(error, "at", ()) or place, str(error)))
+    return located
 
 
 def _known(name: str, names: Iterable[str], what: str, place: str) -> None:
@@ -163,12 +174,13 @@ def _sets_nothing(machine: Machine, channel: Channel) -> None:
     source = channel.source
     if not isinstance(source, CanSource):
         return
-    for bus in machine.buses:
-        for node in bus.nodes if isinstance(bus, CanopenBus) and bus.name == source.bus else ():
+    for number, bus in enumerate(machine.buses):
+        for k, node in enumerate(bus.nodes if isinstance(bus, CanopenBus) and bus.name == source.bus else ()):
             for key in node.settings if node.node == source.node else ():
                 if object_of(key.partition(" ")[0]) == (source.object, source.subindex):
+                    at, name = ("buses", number, "nodes", k, "settings", key), channel.name
                     raise BadValueError(
-                        "daq.buses_node_settings_would", bus=bus.name, node=node.node, channel=channel.name
+                        "daq.buses_node_settings_would", at=at, bus=bus.name, node=node.node, channel=name
                     )
 
 
@@ -234,7 +246,9 @@ def _velocities_are_measured(machine: Machine) -> None:
         for other in np.flatnonzero(machine.ratios[number]):
             if other not in measured:
                 own, missing = machine.joints[number].name, machine.joints[other].name
-                raise BadValueError("daq.joints_motor_velocity_holds_speed", own=own, missing=missing)
+                raise BadValueError(
+                    "daq.joints_motor_velocity_holds_speed", at=("joints", number), own=own, missing=missing
+                )
 
 
 def _motors_determine(machine: Machine) -> None:
@@ -242,5 +256,5 @@ def _motors_determine(machine: Machine) -> None:
     for unknown in (machine.at_motors, machine.turning_at_motors):
         R = machine.ratios[np.ix_(unknown, unknown)]
         if not np.all(np.linalg.svd(R / np.diag(R)[:, None], compute_uv=False) > 1e-9):
-            name = next(joint.name for joint in machine.joints if joint.drive is not None and joint.drive.coupled)
-            raise BadValueError("daq.joints_drive_all_motors", name=name)
+            own = next(k for k, joint in enumerate(machine.joints) if joint.drive is not None and joint.drive.coupled)
+            raise BadValueError("daq.joints_drive_all_motors", at=("joints", own), name=machine.joints[own].name)

@@ -19,6 +19,8 @@ Interval = tuple[float, float]
 #: A chain whose closing cosine is within this of 1 counts as stretched: an angle of 0.6 degrees, where the lever arm
 #: is some hundred times its usual size.
 _STRETCHED = 5e-5
+#: Where a joint has it.
+_LINKAGE = ("cylinder", "linkage")
 #: ``standard`` (distal): frame i at the far end of link i, joint i about z of frame i - 1.
 #: ``modified`` (proximal, Craig; Khalil and Kleinfinger): frame i at joint i, which is about z of frame i.
 Convention = Literal["standard", "modified"]
@@ -31,11 +33,12 @@ def ordered(interval: Interval, what: str) -> Interval:
     return interval
 
 
-def unique(names: list[str], what: str) -> None:
-    """Refuse names of which one is there twice with a ValueError."""
-    for name in names:
-        if names.count(name) > 1:
-            raise BadValueError("daq.name_repeated", what=what, name=name, name_2=names.count(name))
+def unique(names: list[str], what: str, where: str) -> None:
+    """Refuse names of parts, which are in the list ``where``, with a ValueError if one is there twice."""
+    for number, name in enumerate(names):
+        if name in names[:number]:
+            at = (where, number)
+            raise BadValueError("daq.name_repeated", at=at, what=what, name=name, name_2=names.count(name))
 
 
 class DenavitHartenberg(FileModel):
@@ -79,7 +82,7 @@ class Cylinder(FileModel):
     @model_validator(mode="after")
     def _rod_fits(self) -> Cylinder:
         if self.rod >= self.bore:
-            raise BadValueError("daq.rod_must_thinner_bore", rod=self.rod, bore=self.bore)
+            raise BadValueError("daq.rod_must_thinner_bore", at=("rod",), rod=self.rod, bore=self.bore)
         return self
 
     @property
@@ -117,11 +120,11 @@ class Drive(FileModel):
     @model_validator(mode="after")
     def _turns(self) -> Drive:
         if self.ratio == 0:
-            raise BadValueError("daq.ratio_must_not")
+            raise BadValueError("daq.ratio_must_not", at=("ratio",))
         for index, coupling in enumerate(self.coupled):
             if coupling.ratio == 0:
-                raise BadValueError("daq.coupled_ratio_must_not", index=index)
-        unique([coupling.joint for coupling in self.coupled], "coupled joint")
+                raise BadValueError("daq.coupled_ratio_must_not", at=("coupled", index, "ratio"), index=index)
+        unique([coupling.joint for coupling in self.coupled], "coupled joint", "coupled")
         return self
 
 
@@ -153,7 +156,7 @@ class Joint(FileModel):
             return self
         linkage = self.cylinder.linkage
         if self.type != "revolute":
-            raise BadValueError("daq.cylinder_linkage_type_needs", type=linkage.type)
+            raise BadValueError("daq.cylinder_linkage_type_needs", at=_LINKAGE, type=linkage.type)
         if linkage.angle is None:
             linkage = linkage.model_copy(update={"angle": self.dh.theta})
             cylinder = self.cylinder.model_copy(update={"linkage": linkage})
@@ -175,6 +178,7 @@ class Joint(FileModel):
             if linkage.retracted >= longest or linkage.retracted + stroke <= shortest:
                 raise BadValueError(
                     "daq.cylinder_linkage_cannot_close",
+                    at=_LINKAGE,
                     shortest=shortest,
                     longest=longest,
                     retracted=linkage.retracted,
@@ -184,16 +188,19 @@ class Joint(FileModel):
         if x.max() <= 0 or x.min() >= stroke:
             raise BadValueError(
                 "daq.cylinder_linkage_cannot_close_within",
+                at=_LINKAGE,
                 value=x.min(),
                 value_2=x.max(),
                 stroke=stroke,
                 zero=_ZEROS[self.cylinder.linkage.type],
             )
         if np.any(np.diff(x) >= 0) and np.any(np.diff(x) <= 0):
-            raise BadValueError("daq.cylinder_linkage_passes_dead", turn=_TURNS[self.cylinder.linkage.type])
+            turn = _TURNS[self.cylinder.linkage.type]
+            raise BadValueError("daq.cylinder_linkage_passes_dead", at=_LINKAGE, turn=turn)
         tolerance = 1e-6 + 1e-3 * stroke
         if x.min() < -tolerance or x.max() > stroke + tolerance:
-            raise BadValueError("daq.cylinder_stroke_exceeded_limits", stroke=stroke, value=x.min(), value_2=x.max())
+            at, low, high = ("cylinder", "stroke"), x.min(), x.max()
+            raise BadValueError("daq.cylinder_stroke_exceeded_limits", at=at, stroke=stroke, value=low, value_2=high)
         return self
 
 
@@ -227,4 +234,6 @@ def _chain_closes(linkage: FourBar, q: FloatArray) -> None:
     worst = int(np.argmax(np.abs(cosine)))
     reach = float(np.linalg.norm(linkage.link_pin(q)[0][worst]))
     least, most = abs(linkage.coupler_arm - linkage.coupler), linkage.coupler_arm + linkage.coupler
-    raise BadValueError("daq.cylinder_linkage_cannot_close_rad", angle=q[worst], reach=reach, least=least, most=most)
+    raise BadValueError(
+        "daq.cylinder_linkage_cannot_close_rad", at=_LINKAGE, angle=q[worst], reach=reach, least=least, most=most
+    )

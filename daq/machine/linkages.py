@@ -184,7 +184,7 @@ def _polar(point: Point, origin: Point) -> tuple[float, float]:
 
 def _apart(first: str, a: Point, second: str, b: Point) -> None:
     if a == b:
-        raise BadValueError("daq.same_point", first=first, second=second, first_2=a[0], first_3=a[1])
+        raise BadValueError("daq.same_point", at=(first,), first=first, second=second, first_2=a[0], first_3=a[1])
 
 
 def reduced(linkage: Linkage) -> ThreePin | Rack | Direct | Polynomial | FourBar:

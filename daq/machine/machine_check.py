@@ -9,13 +9,12 @@ from typing import Any, Literal
 import yaml
 from pydantic import ValidationError
 
-from daq import safe_yaml
 from daq.errors import MachineFileError
 from daq.machine.buses import CanopenBus, CanSignalsBus
 from daq.machine.coherence import incoherences
 from daq.machine.joints import Cylinder, Drive, Joint
-from daq.machine.machine_file import Channel, Machine, machine_problems, read_machine_text
-from daq.machine.machine_file_errors import Problem, line_of, of_the_whole
+from daq.machine.machine_file import Channel, Machine, content_of, machine_of, read_machine_text
+from daq.machine.machine_file_errors import Place, Problem, line_of
 from daq.machine.plausible import unusual_values, unusual_valves
 from daq.machine.travel import travel_of
 from daq.machine.valves import Valve
@@ -44,26 +43,25 @@ def check_machine(path: str | Path) -> Checked:
         If there is no text to look at.
     """
     text = read_machine_text(Path(path))
-    try:
-        machine, problems = machine_problems(text, str(path), Path(path).absolute().parent)
-    except MachineFileError as error:  # no YAML, or of another kind: there is nothing else to say of it
-        return Checked(None, (_alone(str(error), str(path)),))
-    tree, content = safe_yaml.read(text)
+    tree, content, problem = content_of(text)
+    if problem is not None:  # no YAML, or of another kind: there is nothing else to say of it
+        return Checked(None, (problem,))
+    machine, problems = machine_of(tree, content, Path(path).absolute().parent)
     if machine is None and all(p.key for p in problems):  # parts are wrong, so that nobody looked at the whole
-        problems += [of_the_whole(tree, text) for text in _of_the_parts(content)]
+        problems += [Problem(line_of(tree, place), "", text) for place, text in _of_the_parts(content)]
     findings = list(problems)
     named = {finding.key for finding in findings}
     for unusual in (*unusual_values(content), *(() if machine is None else unusual_valves(machine))):
         key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in unusual.place).lstrip(".")
         if key not in named:  # of several about one key the first holds most
             named.add(key)
-            findings.append(Problem(line_of(tree, list(unusual.place)), key, unusual.text, unusual.cure, "warning"))
+            findings.append(Problem(line_of(tree, unusual.place), key, unusual.text, unusual.cure, "warning"))
     if machine is not None:
         findings += _of_the_files(machine, tree)
     return Checked(machine, tuple(findings))
 
 
-def _of_the_parts(content: dict[str, Any]) -> list[str]:
+def _of_the_parts(content: dict[str, Any]) -> list[tuple[Place, str]]:
     """List what does not belong together in a file of which parts are wrong, as far as possible."""
     joints, channels = content.get("joints"), content.get("channels")
     if not (isinstance(joints, list) and isinstance(channels, list)):
@@ -71,14 +69,10 @@ def _of_the_parts(content: dict[str, Any]) -> list[str]:
     skeletons = [_joint(raw) for raw in joints]
     read = [_channel(raw) for raw in channels]
     whole = [skeleton for skeleton in skeletons if skeleton is not None]
-    if len(whole) < len(joints):
+    known = [channel for channel in read if channel is not None]
+    if len(whole) < len(joints) or len(known) < len(channels):  # what joints lack is not known then
         return []
-    known = tuple(channel for channel in read if channel is not None)
-    machine = Machine.model_construct(joints=tuple(whole), channels=known, buses=())
-    texts = incoherences(machine)
-    if len(known) < len(channels):  # numbers of the channels, and what joints lack, are not known then
-        return []
-    return texts
+    return incoherences(Machine.model_construct(joints=tuple(whole), channels=tuple(known), buses=()))
 
 
 def _of_the_files(machine: Machine, tree: yaml.Node | None) -> list[Problem]:
@@ -148,16 +142,6 @@ def _channel(raw: object) -> Channel | None:
         if not isinstance(quantity, str) or quantity not in SI_UNITS:
             return None
         return Channel.model_construct(name=name, quantity=quantity, joint=joint, unit=unit)
-
-
-def _alone(text: str, name: str) -> Problem:
-    """Make a finding of an error that is one line already."""
-    rest = text.removeprefix(name)
-    line = None
-    if rest.startswith(":") and rest[1:].split(":")[0].isdigit():
-        number = rest[1:].split(":")[0]
-        line, rest = int(number), rest[1 + len(number) :]
-    return Problem(line, "", rest.lstrip(": "))
 
 
 def facts_of(machine: Machine) -> dict[str, Any]:

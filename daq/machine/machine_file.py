@@ -51,7 +51,7 @@ from daq.machine.joints import (
 from daq.machine.machine_file_errors import Problem, all_problems, short
 from daq.machine.quantities import JOINT_QUANTITIES, SENT_QUANTITIES, Quantity
 from daq.machine.valves import Supply, Valve
-from daq.messages import first_of
+from daq.messages import Sentence, first_of
 from daq.units import AS_SENT, Conversion, conversion, kept_as_sent, si_unit
 
 __all__ = [
@@ -107,6 +107,7 @@ class Hydraulics(FileModel):
         if self.supply_pressure is not None and self.supply_pressure <= self.tank_pressure:
             raise BadValueError(
                 "daq.supply_pressure_pa_must_above",
+                at=("supply_pressure",),
                 supply_pressure=self.supply_pressure,
                 tank_pressure=self.tank_pressure,
             )
@@ -131,9 +132,9 @@ class Machine(FileModel):
 
     @model_validator(mode="after")
     def _hangs_together(self) -> Machine:
-        problems = incoherences(self)
-        if problems:
-            raise IncoherenceError(problems)
+        located = incoherences(self)
+        if located:
+            raise IncoherenceError(located)
         return self
 
     @property
@@ -243,34 +244,39 @@ def read_machine_text(path: Path) -> str:
 
 def parse_machine(text: str, name: str = "machine file", folder: Path | None = None) -> Machine:
     """Validate the text of a machine file; ``name`` is what errors call it, ``folder`` where files it names begin."""
-    machine, problems = machine_problems(text, name, folder)
+    machine, problems = machine_problems(text, folder)
     if machine is None:
         raise MachineFileError(first_of([problem.under(name) for problem in problems]))
     return machine
 
 
-def machine_problems(
-    text: str, name: str = "machine file", folder: Path | None = None
-) -> tuple[Machine | None, list[Problem]]:
-    """Return the machine of a file's text, or None and its problems, the most significant first.
+def machine_problems(text: str, folder: Path | None = None) -> tuple[Machine | None, list[Problem]]:
+    """Return the machine of a file's text, or None and its problems, the most significant first."""
+    tree, content, problem = content_of(text)
+    return machine_of(tree, content, folder) if problem is None else (None, [problem])
 
-    Raises
-    ------
-    MachineFileError
-        If the text is no machine file of this schema at all.
-    """
+
+def content_of(text: str) -> tuple[yaml.Node | None, dict[str, Any], Problem | None]:
+    """Return nodes and content of a file's text, and a problem if it is no machine file of this schema at all."""
     try:
         tree, content = safe_yaml.read(text)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
-        line = f":{mark.line + 1}" if mark is not None else ""
-        problem = " ".join(str(getattr(error, "problem", None) or "cannot be parsed").split())
-        raise MachineFileError("daq.not_valid_yaml", name=name, line=line, problem=problem) from None
+        why = " ".join(str(getattr(error, "problem", None) or "cannot be parsed").split())
+        what = Sentence("daq.not_valid_yaml", problem=why)
+        return None, {}, Problem(None if mark is None else mark.line + 1, "", what)
     if not isinstance(content, dict):
-        raise MachineFileError("daq.not_machine_file", name=name, schema=SCHEMA)
-    if content.get("schema") != SCHEMA:
-        found = content.get("schema")
-        raise MachineFileError("daq.machine_file_schema", name=name, found=short(repr(found)), schema=SCHEMA)
+        return tree, {}, Problem(None, "", Sentence("daq.not_machine_file", schema=SCHEMA))
+    if (found := content.get("schema")) != SCHEMA:
+        what = Sentence("daq.machine_file_schema", found=short(repr(found)), schema=SCHEMA)
+        return tree, content, Problem(None, "", what)
+    return tree, content, None
+
+
+def machine_of(
+    tree: yaml.Node | None, content: dict[str, Any], folder: Path | None
+) -> tuple[Machine | None, list[Problem]]:
+    """Return the machine of a file's content, or None and its problems, the most significant first."""
     try:
         return Machine.model_validate(content, context={"folder": folder}), []
     except ValidationError as error:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import difflib
-import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import yaml
 from pydantic import ValidationError
@@ -15,6 +14,8 @@ from pydantic_core import ErrorDetails
 from daq.messages import Sentence, named, one_line
 from daq.validation_words import in_words
 
+#: Keys, and numbers in lists, that lead to a part of a file.
+Place: TypeAlias = tuple[str | int, ...]
 #: What machines, joints, channels and buses may be called.
 NAME_PATTERN = r"^[A-Za-z_][A-Za-z0-9_.\-]*$"
 #: Characters of what was found that are shown.
@@ -73,13 +74,13 @@ def all_problems(
     result = []
     for problem in found:
         cause = (problem.get("ctx") or {}).get("error")
-        texts = getattr(cause, "texts", None) or (in_words(problem),)
-        result += [_problem(tree, problem, text, keys, tags) for text in texts]
+        located = getattr(cause, "located", None) or [(getattr(cause, "at", ()), in_words(problem))]
+        result += [_problem(tree, problem, at, text, keys, tags) for at, text in located]
     return result
 
 
 def _problem(
-    tree: yaml.Node | None, problem: ErrorDetails, what: str, keys: Sequence[str], tags: Collection[str]
+    tree: yaml.Node | None, problem: ErrorDetails, at: Place, what: str, keys: Sequence[str], tags: Collection[str]
 ) -> Problem:
     location = [part for part in problem["loc"] if not (isinstance(part, str) and part in tags)]
     key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).lstrip(".")
@@ -93,14 +94,7 @@ def _problem(
             what = Sentence("daq.write_letters_digits_beginning")
         what = what if isinstance(what, Sentence) else what[0].lower() + what[1:]
         what = Sentence("daq.with_what_was_found", what=what, problem=short(repr(problem["input"])))
-    begins = re.match(r"[a-z_]+(\.[a-z_]+)*", what)  # a text may say which key of the part it is about
-    inside = [*location, *begins[0].split(".")] if location and begins else location
-    return Problem(line_of(tree, inside or _place(what, tree)), key, what)
-
-
-def of_the_whole(tree: yaml.Node | None, text: str) -> Problem:
-    """Make a problem of the file as a whole, which names its place in its text."""
-    return Problem(line_of(tree, _place(text, tree)), "", text)
+    return Problem(line_of(tree, [*location, *at]), key, what)
 
 
 def short(text: str) -> str:
@@ -108,23 +102,7 @@ def short(text: str) -> str:
     return text if len(text) <= _SHOWN else f"{text[: _SHOWN // 2]}\u2026{text[-_SHOWN // 4 :]}"
 
 
-def _place(text: str, tree: yaml.Node | None) -> list[str | int]:
-    """Locate a problem of the file as a whole, which names its place in its text: ``channels[3]``, ``joints.arm``."""
-    indexed = re.match(r"(channels|joints)\[(\d+)\]", text)
-    if indexed is not None:
-        return [indexed[1], int(indexed[2])]
-    named = re.match(r"joints\.([^:]+):", text)
-    if named is not None and isinstance(tree, yaml.MappingNode):
-        for key, value in tree.value:
-            if key.value == "joints" and isinstance(value, yaml.SequenceNode):
-                for index, joint in enumerate(value.value):
-                    pairs = joint.value if isinstance(joint, yaml.MappingNode) else ()
-                    if any(k.value == "name" and v.value == named[1] for k, v in pairs):
-                        return ["joints", index]
-    return []
-
-
-def line_of(tree: yaml.Node | None, location: list[str | int]) -> int | None:
+def line_of(tree: yaml.Node | None, location: Sequence[str | int]) -> int | None:
     """Return the line (from 1) of the deepest part of ``location`` in the file."""
     node, line = tree, None
     for part in location:

@@ -50,9 +50,11 @@ class Valve(FileModel):
     def _neutral_within(self) -> Valve:
         low, high = self.range
         if low >= high:
-            raise BadValueError("daq.range_must_go_low", low=low, high=high)
+            raise BadValueError("daq.range_must_go_low", at=("range",), low=low, high=high)
         if not low < self.neutral < high:
-            raise BadValueError("daq.neutral_not_inside_range", neutral=self.neutral, low=low, high=high)
+            raise BadValueError(
+                "daq.neutral_not_inside_range", at=("neutral",), neutral=self.neutral, low=low, high=high
+            )
         return self
 
     @property

@@ -21,7 +21,7 @@ from daq.recordings.column_map import ColumnMap
 from daq.recordings.recording import Recording
 from fitting.arm.joint_side import at_joints
 from fitting.arm.linkage import cylinder_of
-from fitting.checks.findings import Finding, Places, filled, finding_of
+from fitting.checks.findings import Finding, Places, filled, finding_of, left_open, says_line
 from fitting.checks.magnitudes import machine_findings, magnitude_findings
 from fitting.checks.mistakes.channel_trials import late
 from fitting.checks.mistakes.estimates import AreaRatio, Clock, area_ratios, clock_of, inertia_findings
@@ -183,7 +183,7 @@ def _of_positions(machine: Machine, own: Disagreement, places: Places) -> Findin
     channels = [c.name for n in names if quantity and (c := machine.channel(quantity, n))]
     where = places.channels(machine, channels) if channels else places.key(option.key)
     text = filled(option.text, channel=channel.name if channel else "", joint=names[0])
-    lead = "" if channel is not None and text.startswith((channel.name, "the values", "the clock")) else f"{names[0]}: "
+    lead = "" if channel is not None else f"{names[0]}: "  # channels have their joint in their names
     return Finding(
         option.code,
         Sentence("fitting.two_sensors_disagree_motion", lead=lead, text=text, before=own.before, after=own.after),
@@ -239,7 +239,7 @@ def _together(machine: Machine, recordings: Sequence[Recording], places: Places)
 def _named(machine: Machine, joint: str, quantity: str | None, text: str, otherwise: str = "") -> str:
     """Prefix a text with its channel (``otherwise``, or the joint, where it has none) or joint."""
     channel = machine.channel(quantity, joint) if quantity else None
-    if "{" in text:
+    if left_open(text):
         return filled(text, channel=channel.name if channel else otherwise or joint, joint=joint)
     return named(joint, text)
 
@@ -299,7 +299,7 @@ def _finding(machine: Machine, accused: Accused, recordings: Sequence[Recording]
     channels = [*own.names] or [c.name for n in names for q in own.channels if (c := machine.channel(q, n)) is not None]
     where = places.key(own.key) if own.key else places.channels(machine, channels)
     file = None if own.recording is None else recordings[own.recording].file
-    channel = channels[0] if len(channels) == 1 or (len(names) == 1 and "{channel}" in own.text) else None
+    channel = channels[0] if len(channels) == 1 or (len(names) == 1 and "channel" in left_open(own.text)) else None
     text = filled(own.text, joint=names[0] if names else "", channel=channel or "the effort")
     front = file or ("" if own.names else next(iter(names), ""))  # channels have their joint in their names
     before, after = accused.before.misfits[accused.joint], accused.after.misfits[accused.joint]
@@ -371,6 +371,6 @@ def _ordered(machine: Machine, found: Sequence[Finding], places: Places) -> tupl
         if key in seen:
             continue
         seen.add(key)
-        where = places.channels(machine, [own.channel]) if own.channel and " line" not in own.cure else ""
+        where = places.channels(machine, [own.channel]) if own.channel and not says_line(own.cure) else ""
         kept.append(replace(own, cure=own.cure + where) if where else own)
     return tuple(kept)

@@ -103,6 +103,19 @@ def worded(key: str, **values: Any) -> tuple[str, Sentence, Sentence]:
     return key.partition("/")[0], text, cure
 
 
+def left_open(text: str) -> set[str]:
+    """Return which of channel and joint are left open in a text."""
+    values = text.values if isinstance(text, Sentence) else {}
+    return {name for name, mark in _LEFT_OPEN.items() if values.get(name) == mark}
+
+
+def says_line(text: object) -> bool:
+    """Return whether a text, or one in it, is one of :class:`Places`."""
+    if not isinstance(text, Sentence):
+        return False
+    return text.code in ("fitting.in_line", "fitting.in_lines") or any(map(says_line, text.values.values()))
+
+
 def filled(text: str, **values: str) -> str:
     """Fill in what was left open in a text."""
     if not isinstance(text, Sentence):

@@ -36,6 +36,7 @@ from daq.drivers.base import DriverContext, make_driver
 from daq.drivers.found_setups import FoundSetups
 from daq.errors import HilfitError
 from daq.frames.channels import channels_by_bus
+from daq.machine.buses import BUSES
 from daq.machine.device_files import refuse_files_elsewhere
 from daq.machine.machine_file import Machine
 
@@ -44,7 +45,9 @@ SCHEMA = Machine.model_json_schema(by_alias=True)
 Place = tuple[str | int, ...]
 DBC = 'VERSION ""\nBU_: X\nBO_ 291 Boom: 8 X\n SG_ Angle : 0|16@1+ (0.01,0) [0|655.35] "rad" X\n'
 #: What may be tried for a text, and what a file itself says.
-TEXTS = words | st.sampled_from(["b", "j1", "rad", "Pa", "b.dbc", "other.dbc", "Angle", "0x6131:1 uint32"])
+TEXTS = words | st.sampled_from(["b", "j1", "rad", "Pa", "arm.dbc", "other.dbc", "Angle", "0x6131:1 uint32"])
+#: Keys of buses that say how long is waited, and how long it is here.
+WAITS = {"timeout_s": 0.01, "listen_s": 0}
 #: How deep a value that the schema describes is made.
 DEPTH = 3
 
@@ -72,16 +75,12 @@ def _file(bus: dict[str, Any], source: dict[str, Any]) -> dict[str, Any]:
 
 def honest_files() -> list[dict[str, Any]]:
     """A file for each kind of bus, and for each interface of a CAN bus."""
-    node = {"node": 5, "object": 0x6004, "data_type": "uint32"}
-    word = {"unit": 1, "register": 6, "data_type": "float32"}
-    found = [
-        _file({"type": "modbus_tcp", "host": "192.0.2.10", "timeout_s": 0.01}, word),
-        _file({"type": "modbus_rtu", "port": "/dev/ttyUSB0", "timeout_s": 0.01}, word),
-    ]
-    for interface, (channel, options) in HONEST.items():
-        can = {"interface": interface, "channel": channel, "options": options}
-        canopen = {"type": "canopen", **can, "listen_s": 0, "nodes": [{"node": 5, "boot_up_s": 0.0}]}
-        found += [_file(canopen, node), _file({"type": "can_signals", **can, "dbc": ["b.dbc"]}, {"signal": "Angle"})]
+    found = []
+    for kind in BUSES:
+        waits = {key: wait for key, wait in WAITS.items() if key in kind.bus.model_fields}
+        bus = {"type": kind.tag, **copy.deepcopy(dict(kind.example)), **waits}
+        ways = [{"interface": name, "channel": own, "options": options} for name, (own, options) in HONEST.items()]
+        found += [_file({**bus, **way}, {**kind.source}) for way in (ways if "interface" in bus else [{}])]
     return found
 
 
@@ -204,7 +203,7 @@ def main(files: int) -> dict[str, Any]:
         folder, data = Path(scratch, "machine").resolve(), Path(scratch, "data").resolve()
         for made in (folder, data):
             made.mkdir()
-        (folder / "b.dbc").write_text(DBC)
+        (folder / "arm.dbc").write_text(DBC)
 
         @settings(max_examples=files, deadline=None, database=None, phases=[Phase.generate], derandomize=True,
                   suppress_health_check=list(HealthCheck))  # fmt: skip

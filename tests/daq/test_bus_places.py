@@ -25,7 +25,6 @@ from daq.drivers.modbus.client import ModbusConnection
 from daq.errors import BusError, MachineFileError
 from daq.machine.bus_places import CAN_INTERFACES, check_entry, is_listed
 from daq.machine.buses import (
-    BUS_TYPES,
     BUSES,
     AnyBus,
     Bus,
@@ -48,20 +47,15 @@ SCHEMES = sorted(
     | set(VALID_INTERFACES) | {"http", "file", "ws", "unix"}
 )  # fmt: skip
 GOOD: dict[type[BaseModel], dict[str, Any]] = {
-    CanopenBus: {"name": "b", "type": "canopen", "interface": "socketcand", "channel": "can0",
-                 "options": {"host": "192.0.2.10", "port": 29536}},
-    CanSignalsBus: {"name": "b", "type": "can_signals", "interface": "slcan", "channel": "/dev/ttyACM0",
-                    "options": {"tty_baudrate": 115200}, "dbc": ["own.dbc"]},
-    ModbusTcpBus: {"name": "b", "type": "modbus_tcp", "host": "192.0.2.10"},
-    ModbusRtuBus: {"name": "b", "type": "modbus_rtu", "port": "/dev/ttyUSB0"},
-}  # fmt: skip
+    kind.bus: {"name": "b", "type": kind.tag, **kind.example} for kind in BUSES
+}
 
 
-def test_every_kind_of_bus_has_an_example() -> None:
-    of = {bus: kind for kind, bus in zip(BUS_TYPES, BUSES, strict=True)}
-    assert [kind for bus, kind in of.items() if bus not in GOOD] == [], "add an example of each to GOOD"
-    honest = {file["buses"][0]["type"] for file in honest_files()}
-    assert set(of.values()) - honest == set(), "add an example of each to honest_files in fuzz_machine_files.py"
+def test_every_kind_of_bus_has_an_example_that_is_one() -> None:
+    machines = [parse_machine(json.dumps(file)) for file in honest_files()]
+    assert {type(machine.buses[0]) for machine in machines} == set(GOOD)
+    for machine in machines:  # a source by its keys alone
+        assert type(machine.channels[0].source) is type(machine.buses[0]).source
 
 
 def _holds_text(annotation: Any) -> bool:

@@ -24,6 +24,7 @@ from daq import Channel, InputError, MachineFileError, parse_machine
 from daq.drivers import Driver, DriverContext, DriverStatistics, Samples, make_driver, nothing
 from daq.drivers.base import DeviceStatus
 from daq.drivers.conformance import ConformanceError, check_driver
+from daq.machine.buses import BUS_TYPES
 from daq.machine.machine_file import OtherBus
 from daq.seams import DRIVERS
 
@@ -67,7 +68,7 @@ class Speaker:
 
 @pytest.fixture
 def benches(tmp_path: Path) -> Iterator[Callable[[str], Bench]]:
-    """Makes the test bench of a driver by its entry point's name."""
+    """Makes the test bench of a driver by its bus's type."""
     close: list[Callable[[], None]] = []
 
     def make(name: str) -> Bench:
@@ -100,7 +101,7 @@ def benches(tmp_path: Path) -> Iterator[Callable[[str], Bench]]:
             server = FakeSerialModbus(REGISTERS)
             text = modbus_serial(server.port)
         else:
-            raise AssertionError(f"driver '{name}' is installed and has no bench here: add one")
+            raise AssertionError(f"driver '{name}' has no bench here: add one")
         close.append(server.close)
         return text, MODBUS_VALUES, lambda: server.silent.update({1, 2}), server.silent.clear
 
@@ -110,7 +111,7 @@ def benches(tmp_path: Path) -> Iterator[Callable[[str], Bench]]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", DRIVERS.names())
+@pytest.mark.parametrize("name", sorted({*BUS_TYPES, *DRIVERS.names()}))
 def test_every_installed_driver_conforms(name: str, benches: Callable[[str], Bench], tmp_path: Path) -> None:
     text, expected, silence, restore = benches(name)
     machine = parse_machine(text, folder=tmp_path)

@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
+from daq import messages
 from daq.commands import cli_machine
 from daq.machine.machine_check import Checked, check_machine
 from daq.machine.machine_file import parse_machine
@@ -195,6 +196,37 @@ def test_an_invalid_joint_does_not_hide_findings_of_the_others(tmp_path: Path) -
     said = "\n".join(finding.under("arm") for finding in checked(tmp_path, content).findings)
     assert "joints.j1: has no effort: one pressure is not enough" in said
     assert "j0: has no" not in said  # what is broken is not thereby missing
+
+
+PLACES: list[tuple[dict[str, Any], str, str]] = [
+    # what was written, its line, and words of what is said of it
+    ({"joints__1__cylinder__rod": 0.2}, "    rod: 0.2", "rod 0.2 m"),
+    ({"joints__1__cylinder__linkage__offset": 0.0}, "    linkage:", "cylinder.linkage cannot close"),
+    ({"hydraulics": {"supply_pressure": 1e6, "tank_pressure": 2e6}}, "  supply_pressure: 1000000.0", "must be above"),
+    ({"channels__3__joint": "j7"}, "- name: j1.joint_position", "there is no joint"),
+    ({"channels__4__quantity": "rod_pressure", "joints__0__dh__a": "x"}, "- name: j1", "joints.j1: has more than one"),
+    ({"channels__4__name": "j0.head_pressure"}, "- name: j0.head_pressure", "is there 2 times"),
+    # What is refused as a name and looks like the place of another part: what its joint lacks is told all the same.
+    ({"joints__2__name": "j1: x", "channels__6__joint": "j1: x"}, "- name: 'j1: x'", "joints.j1: x: has no effort"),
+    ({"joints__2__name": "channels[0]", "channels__6__joint": "channels[0]"}, "- name: channels[0]", "has no effort"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("changes", "line", "words"), PLACES, ids=[place[2] for place in PLACES])
+def test_a_line_is_no_matter_of_words(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changes: dict[str, Any], line: str, words: str
+) -> None:
+    content = three(**changes)
+    if "joints__2__name" in changes:
+        content["channels"] = content["channels"][:7]
+    english = checked(tmp_path, content).findings
+    lines = (tmp_path / "arm.yaml").read_text(encoding="utf-8").splitlines()
+    assert line in [lines[(f.line or 0) - 1] for f in english if words in f.text], english
+    worded = messages._worded
+    monkeypatch.setattr(messages, "_worded", lambda code, values, *_: f"Fehler: {worded(code, values, 'de')}")
+    german = checked(tmp_path, content).findings
+    assert [(f.line, f.key) for f in german] == [(f.line, f.key) for f in english]
+    assert not {f.text for f in german} & {f.text for f in english}
 
 
 def test_text_that_is_no_machine_file(tmp_path: Path) -> None:

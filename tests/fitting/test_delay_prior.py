@@ -68,7 +68,7 @@ def test_a_joint_s_delay_is_that_of_its_effort_s_bus() -> None:
 )
 def test_wrong_delays_are_one_line(delays: str, words: str) -> None:
     text = machine_to_yaml(on_two_buses()).replace("delays: []", f"delays: {delays}")
-    machine, problems = machine_problems(text, "machine.yaml", None)
+    machine, problems = machine_problems(text)
     assert machine is None
     (problem,) = problems
     assert words in problem.under("machine.yaml")

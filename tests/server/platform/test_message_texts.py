@@ -40,13 +40,18 @@ def sources() -> tuple[tuple[str, tuple[ast.expr | ast.stmt, ...]], ...]:
     )
 
 
+def _beside_values(made: ast.expr) -> frozenset[str]:
+    """What else is given where a message is made: the place of a value that cannot be."""
+    return frozenset({"at"} if isinstance(made, ast.Name) and made.id == "BadValueError" else ())
+
+
 @cache
 def named() -> tuple[tuple[str, int, str, frozenset[str] | None], ...]:
     """File, line, code and the names of values of each constant that is a code; None where others give values."""
     known, found = set(codes()), []
     for file, nodes in sources():
         calls = {
-            id(node.args[0]): frozenset(own.arg or "**" for own in node.keywords)
+            id(node.args[0]): frozenset(own.arg or "**" for own in node.keywords) - _beside_values(node.func)
             for node in nodes
             if isinstance(node, ast.Call) and node.args
         }
