@@ -21,7 +21,7 @@ import yaml
 from pydantic import ConfigDict, Field, ValidationError, model_validator
 
 from daq import safe_yaml
-from daq.errors import InputError
+from daq.errors import BadValueError, InputError
 from daq.machine.buses import FileModel, Name
 from daq.machine.machine_file import CanopenBus, CanSource, Machine, ModbusSource, ModbusTcpBus
 from daq.machine.machine_file_errors import Problem, all_problems, did_you_mean, line_of, short
@@ -44,7 +44,8 @@ class Fault(FileModel):
     @model_validator(mode="after")
     def _ends_before_it_comes_again(self) -> Fault:
         if self.every is not None and self.every <= self.seconds_long:
-            raise ValueError(Sentence("sim_backends.fault_every_too_short", every=self.every, lasts=self.seconds_long))
+            code, lasts = "sim_backends.fault_every_too_short", self.seconds_long
+            raise BadValueError(code, at=("every",), every=self.every, lasts=lasts)
         return self
 
 
@@ -58,7 +59,7 @@ class DeviceFault(Fault):
     @model_validator(mode="after")
     def _one_device(self) -> DeviceFault:
         if (self.node is None) == (self.unit is None):
-            raise ValueError(Sentence("sim_backends.fault_node_or_unit"))
+            raise BadValueError("sim_backends.fault_node_or_unit")
         return self
 
 
@@ -92,7 +93,7 @@ class Delay(DeviceFault):
     @model_validator(mode="after")
     def _in_the_device_s_measure(self) -> Delay:
         if (self.node is None) != (self.syncs is None) or (self.unit is None) != (self.seconds is None):
-            raise ValueError(Sentence("sim_backends.fault_delay_measure"))
+            raise BadValueError("sim_backends.fault_delay_measure")
         return self
 
 
