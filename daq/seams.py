@@ -1,14 +1,19 @@
-"""Where other packages add to hilfit: bus drivers, effects, estimators, each a group of entry points with unique names.
+"""Where bus drivers, effects and estimators are found: names are unique in each kind.
 
-What one has to be is said by :class:`daq.drivers.base.Driver`, `fitting.effects.base.Effect` and
-`fitting.estimators.base.Estimator`, and tried by the ``conformance`` module beside each.
+hilfit's own effects and estimators are whatever is in their folder, one file each, and its drivers are those of
+:data:`daq.machine.buses.BUSES`; those of other packages are a group of entry points. What one has to be is defined by
+:class:`daq.drivers.base.Driver`, `fitting.effects.base.Effect` and `fitting.estimators.base.Estimator`, and tried by
+the ``conformance`` module beside each.
 """
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
+from pkgutil import iter_modules
 from typing import Any
 
 from daq.errors import InputError
@@ -22,22 +27,25 @@ class Seam:
     ----------
     group : of entry points, as it stands in a ``pyproject.toml``
     kind : what one of them is called in an error
+    folder : package of hilfit's own: of each module the class that says it is called as the module; "": there are none
+    called : attribute of a class in which it says so
     """
 
     group: str
     kind: str
+    folder: str = ""
+    called: str = "name"
 
     def names(self) -> tuple[str, ...]:
         """List the names of all that are installed, sorted."""
-        return tuple(sorted(point.name for point in self._points()))
+        return tuple(point.name for point in self._points())
 
     def all(self, wanted: Any) -> tuple[Any, ...]:
         """Make the objects of all that are installed by :meth:`make`, sorted by name; the metadata is read once."""
-        points = self._points()
-        return tuple(self._made(point, wanted) for point in sorted(points, key=lambda point: point.name))
+        return tuple(self._made(point, wanted) for point in self._points())
 
     def load(self, name: str) -> Any:
-        """Load what the entry point names.
+        """Load what has that name.
 
         Raises
         ------
@@ -75,8 +83,17 @@ class Seam:
             raise InputError("daq.seam_other_type", kind=self.kind, name=point.name, type_name=type_name)
         return made
 
+    def _own(self) -> Iterator[EntryPoint]:
+        for found in iter_modules(import_module(self.folder).__path__) if self.folder else ():
+            module = EntryPoint(found.name, f"{self.folder}.{found.name}", self.group)
+            for kind in vars(self._loaded(module)).values():
+                if isinstance(kind, type) and getattr(kind, self.called, None) == found.name:
+                    yield EntryPoint(found.name, f"{module.value}:{kind.__qualname__}", self.group)
+
     def _points(self) -> list[EntryPoint]:
-        points = list(entry_points(group=self.group))
+        # Of an entry point that leads into the folder only an older installation still knows.
+        others = (at for at in entry_points(group=self.group) if not at.value.startswith(f"{self.folder}."))
+        points = sorted((*self._own(), *others), key=lambda at: (at.name, at.value))
         name, count = max(Counter(point.name for point in points).items(), key=lambda item: item[1], default=("", 0))
         if count > 1:
             values = [point.value for point in points if point.name == name]
@@ -85,5 +102,5 @@ class Seam:
 
 
 DRIVERS = Seam("hilfit.drivers", "driver")
-EFFECTS = Seam("hilfit.effects", "effect")
-ESTIMATORS = Seam("hilfit.estimators", "estimator")
+EFFECTS = Seam("hilfit.effects", "effect", "fitting.effects", "id")
+ESTIMATORS = Seam("hilfit.estimators", "estimator", "fitting.estimators")

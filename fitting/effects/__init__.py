@@ -1,7 +1,7 @@
-"""Physical effects that a rigid body with Stribeck friction lacks: the catalogue, one file each.
+"""Physical effects that a rigid body with Stribeck friction lacks: the catalogue, one file each, called as the id.
 
-The catalogue is whatever is registered under the entry-point group ``hilfit.effects``; a package of its own adds an
-effect with one file, one line of TOML and one call of :func:`fitting.effects.conformance.check_effect`.
+The catalogue is whatever is in this folder, or in the entry-point group ``hilfit.effects``: a package of its own adds
+an effect with one file, one line of TOML and one call of :func:`fitting.effects.conformance.check_effect`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ __all__ = ["DriveView", "Effect", "FoundBy", "Parameter", "Parity", "effect", "e
 
 @lru_cache(maxsize=1)
 def effects() -> tuple[Effect, ...]:
-    """List all registered effects, sorted by id."""
+    """List all effects, sorted by id."""
     return EFFECTS.all(Effect)
 
 

@@ -1,7 +1,7 @@
-"""Estimators of linear regressions: the seam `hilfit.estimators`, one file each.
+"""Estimators of linear regressions: the seam `hilfit.estimators`, one file each, called as the estimator.
 
-The choice is whatever is registered under the entry-point group ``hilfit.estimators``; a package of its own adds an
-estimator with one file, one line of TOML and one call of :func:`fitting.estimators.conformance.check_estimator`.
+The choice is whatever is in this folder, or in the entry-point group ``hilfit.estimators``: a package of its own adds
+an estimator with one file, one line of TOML and one call of :func:`fitting.estimators.conformance.check_estimator`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from daq.seams import ESTIMATORS
 from fitting.estimators.base import Estimate, Estimator
 from fitting.estimators.context import StageTwo, within
 from fitting.estimators.covariance import Colour
-from fitting.estimators.ordinary import OrdinaryLeastSquares
+from fitting.estimators.ols import OrdinaryLeastSquares
 
 __all__ = [
     "Colour",

@@ -25,7 +25,7 @@ from fitting.arrays import BoolArray, FloatArray, IntArray
 from fitting.estimators.base import Estimate
 from fitting.estimators.covariance import Colour, autoregression, check_colour, series_scores
 from fitting.estimators.least_squares import solve
-from fitting.estimators.ordinary import OrdinaryLeastSquares
+from fitting.estimators.ols import OrdinaryLeastSquares
 from fitting.regression.design import Design, Extra
 from fitting.regression.plausible_arm import ALONE
 from fitting.regression.prior import Prior, data_share, rows_of_prior

@@ -28,7 +28,7 @@ from fitting.estimators.base import Estimate, Rows
 from fitting.estimators.context import RowsEstimator, StageTwo
 from fitting.estimators.covariance import Information, information
 from fitting.estimators.least_squares import residual_std
-from fitting.estimators.weighted import weighted_by_group
+from fitting.estimators.wls import weighted_by_group
 from fitting.regression.body_prior import BodyPrior
 from fitting.regression.plausible_arm import ALONE, Optimum, plausible_arm
 

@@ -17,7 +17,7 @@ from fitting.estimators.base import Estimate, Rows
 from fitting.estimators.context import RowsEstimator, StageTwo
 from fitting.estimators.covariance import information
 from fitting.estimators.least_squares import residual_std, solve
-from fitting.estimators.weighted import weighted_by_group
+from fitting.estimators.wls import weighted_by_group
 from fitting.regression.body_prior import BodyPrior
 
 

@@ -1,4 +1,4 @@
-"""Declarations of resources: one :class:`Resource` in its folder, and one line in the list of all of them.
+"""Declarations of resources: one :class:`Resource` in its folder, where it is found.
 
 Routers, kept answers, the binding to machines, the tables, backups, jobs, metrics, and what starts and stops with the
 service are all read from these declarations; nothing else has to know of a new resource.

@@ -18,7 +18,7 @@ from daq.errors import InputError
 from fitting.arm.base_parameters import BaseParameters, reduce_parameters
 from fitting.estimators import StageTwo, within
 from fitting.estimators.ridge import RidgeTowardPrior
-from fitting.estimators.weighted import WeightedLeastSquares
+from fitting.estimators.wls import WeightedLeastSquares
 from fitting.regression.body_prior import REPORT_DRIFT, BodyPrior, read_body_prior
 
 

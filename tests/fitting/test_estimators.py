@@ -12,13 +12,13 @@ from coloured import automatic_lags, hac_covariance
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fitting.estimators import Estimate, Estimator, OrdinaryLeastSquares
+from fitting.estimators import Estimate, Estimator, OrdinaryLeastSquares, estimator_ids
 from fitting.estimators.conformance import check_estimator
 from fitting.estimators.least_squares import solve
 from fitting.estimators.possible import PossibleFit
 from fitting.estimators.recursive import RecursiveLeastSquares
 from fitting.estimators.ridge import RidgeTowardPrior
-from fitting.estimators.weighted import WeightedLeastSquares
+from fitting.estimators.wls import WeightedLeastSquares
 
 Array = npt.NDArray[np.float64]
 ESTIMATORS: tuple[Estimator, ...] = (
@@ -36,6 +36,10 @@ ESTIMATORS: tuple[Estimator, ...] = (
 @pytest.mark.parametrize("estimator", ESTIMATORS, ids=repr)
 def test_every_estimator_conforms(estimator: Estimator) -> None:
     check_estimator(estimator)
+
+
+def test_every_estimator_is_found_by_its_name() -> None:
+    assert {own.name for own in ESTIMATORS} <= set(estimator_ids()), "call the file of an estimator as its name"
 
 
 class _Broken(OrdinaryLeastSquares):

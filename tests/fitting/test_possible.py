@@ -11,7 +11,7 @@ from fitting.arm.dynamics import standard_of_link
 from fitting.arm.geometry import Geometry
 from fitting.estimators import StageTwo, within
 from fitting.estimators.possible import PossibleFit
-from fitting.estimators.weighted import WeightedLeastSquares
+from fitting.estimators.wls import WeightedLeastSquares
 from fitting.regression.body_prior import pseudo_inertia
 
 

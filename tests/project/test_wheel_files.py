@@ -16,6 +16,8 @@ from pathlib import Path
 import httpx2
 import pytest
 
+from fitting.effects import effects
+
 ROOT = Path(__file__).parents[2]
 SETUPTOOLS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
 PACKAGES = sorted({ROOT / pattern.rstrip("*.") for pattern in SETUPTOOLS["packages"]["find"]["include"]})
@@ -115,6 +117,8 @@ def test_the_installed_command_is_the_wheels_own_and_shows_its_help(installed: P
 
     shown = run(str(installed / "bin" / "hilfit"), "--help")
     assert all(f" {command} " in shown for command in ("demo", "identify", "serve"))
+    listed = json.loads(run(str(installed / "bin" / "hilfit"), "effects", "list", "--json"))
+    assert [own["id"] for own in listed] == [own.id for own in effects()]
     assert run(sys.executable, "-c", "import server.commands.command_line as c; print(c.__file__)").startswith(
         str(installed)
     )

@@ -1,4 +1,4 @@
-"""A new resource is one folder and one line: a toy in a temporary package is served, guarded, kept and backed up."""
+"""A new resource is one folder: a toy in a temporary package is served, guarded, kept and backed up."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from collections import Counter
 from importlib import import_module
 from pathlib import Path
 
-from server.composition.declarations import RESOURCES
+from server.composition.declarations import ORDER, RESOURCES
 from server.platform.changes import Changes
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
@@ -33,7 +33,8 @@ def test_no_folder_has_more_modules_than_one_looks_over() -> None:
 
 def test_a_resource_has_the_name_of_its_folder_and_is_declared_there() -> None:
     declared = {path.parent.name for path in SERVER.glob("*/*_resource.py")}
-    assert declared == {resource.name for resource in RESOURCES}
+    assert sorted(declared) == sorted(resource.name for resource in RESOURCES)
+    assert set(ORDER) <= declared
 
 
 def test_every_part_that_is_asked_for_is_provided() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from fitting.arrays import FloatArray
 from fitting.estimators.base import Estimate, Rows
 from fitting.estimators.context import RowsEstimator
-from fitting.estimators.ordinary import weighted_fit
+from fitting.estimators.ols import weighted_fit
 
 
 @dataclass(frozen=True)
