@@ -148,7 +148,7 @@ def findings_of(examined: Examined) -> Findings:
     added = {item.score.term.family for item in found.accepted}
     sets += [
         (("supply_ripple", names[line.joint]),)
-        for line in {line.joint: line for line in found.lines}.values()
+        for line in {line.joint: line for line in found.ripples}.values()
         if ("supply_ripple", line.joint) not in added
     ]
     laws += [

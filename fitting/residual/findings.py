@@ -169,10 +169,12 @@ class Attribution:
         lines = ((c, *changed.get((c.id, c.joint), (c.status, c.reason))) for c in self.candidates)
         return replace(self, candidates=tuple(replace(c, status=s, reason=r) for c, s, r in lines))
 
-    def _names(self, line: Line) -> bool:
-        """Return whether a line is named although nothing is added: a pump's, above the band."""
+    @property
+    def ripples(self) -> tuple[Line, ...]:
+        """Lines that are named although nothing is added: a pump's, above the band."""
         design = self.base.design
-        return line.frequency_hz > design.bank.bandwidth_hz and is_ripple(design.machine, line)
+        above = (line for line in self.lines if line.frequency_hz > design.bank.bandwidth_hz)
+        return tuple(line for line in above if is_ripple(design.machine, line))
 
     @property
     def verdict(self) -> str:
@@ -180,7 +182,7 @@ class Attribution:
         if all(item.score.term.is_line for item in self.accepted):
             if self.unconfirmed or self.nothing < 0.5:
                 return "unexplained"
-            return "effect_added" if self.accepted or any(map(self._names, self.lines)) else "nothing_missing"
+            return "effect_added" if self.accepted or self.ripples else "nothing_missing"
         if any(isinstance(a.score.term.content, Law) for a in self.accepted) or self.nothing_more < 0.5:
             return "unexplained"
         return "ambiguous" if any(a.rivals for a in self.accepted) else "effect_added"
