@@ -134,7 +134,7 @@ class Gate:
         # that is what a chi-square shows first. The parabola of the delay is four times as high at the other one.
         seen = on_validate(*mirrored, self._validate)
         quarter = [value / 4.0 for value in (seen.gain, seen.expected, seen.spread, seen.predicted)]
-        return held_out, OnValidate(quarter[0], quarter[1], quarter[2], quarter[3], seen.entered)
+        return held_out, OnValidate(quarter[0], quarter[1], quarter[2], quarter[3], seen.entered, seen.rise)
 
 
 def objection(held_out: HeldOut, validate: OnValidate | None) -> str:

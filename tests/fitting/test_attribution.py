@@ -252,6 +252,10 @@ HOLDS = HeldOut(gain=60.0, z=3.5, blocks=10, alike=20.0)
         # What a right effect could fail to show here is no objection, as long as the rows do not speak against it.
         (HOLDS, OnValidate(gain=-3.8, expected=10.0, spread=6.4, predicted=-3.0), ""),
         (HOLDS, OnValidate(gain=-9.0, expected=10.0, spread=6.4, predicted=-7.0), "does not help"),
+        # Of what is handed out by what a right term does in one case of a hundred, unless a joint gets worse for it.
+        (HOLDS, OnValidate(gain=-7.0, expected=16.0, spread=11.0, predicted=-4.0, rise=0.005), ""),
+        (HOLDS, OnValidate(gain=-7.0, expected=16.0, spread=11.0, predicted=-4.0, rise=0.02), "does not help"),
+        (HOLDS, OnValidate(gain=-7.0, expected=16.0, spread=9.0, predicted=-4.0, rise=0.005), "does not help"),
         # A right effect would have been confirmed here 99 times of 100.
         (HOLDS, OnValidate(gain=3.0, expected=60.0, spread=16.0, predicted=2.0), "does not help"),
         (HOLDS, OnValidate(gain=50.0, expected=60.0, spread=16.0, predicted=40.0), ""),

@@ -181,6 +181,7 @@ class OnValidate:
         more than 1 where the validation motion is noisier than those that were fitted
     predicted : twice the logarithm of the rows' density, ``N(0, V)`` of what each leaves, over that of the other model
     entered : whether what was added acts in these segments at all
+    rise : share by which the error of the joint that gets worst rises; infinite where it is not known
     """
 
     gain: float
@@ -188,6 +189,7 @@ class OnValidate:
     spread: float
     predicted: float
     entered: bool = True
+    rise: float = np.inf
 
     @property
     def short(self) -> float:
@@ -205,10 +207,11 @@ class OnValidate:
         """True where the rows speak against it as clearly as they have to for it, or are silent where they could speak.
 
         The rows' density knows how uncertain the parameters are. What is handed out has their means: it may not fall
-        as short either, unless a right model does so in more than one case of a hundred.
+        as short either, unless a right model does so in more than one case of a hundred and no joint gets worse for it.
         """
         needed = CONFIRMED if self.has_power and np.isfinite(self.expected) else -CONFIRMED
-        return self.predicted < needed or (self.gain < needed and self.short > _RARELY)
+        harms = self.short > _RARELY or self.rise > MOST_WORSE
+        return self.predicted < needed or (self.gain < needed and harms)
 
 
 def on_validate(
@@ -224,13 +227,14 @@ def on_validate(
     """
     joints = range(len(before.design.machine.joints)) if joints is None else joints
     gain, expected, own, seen = 0.0, 0.0, 0.0, np.zeros(len(after.fit.theta))
-    start, entered = len(before.fit.theta), False
+    start, entered, rise = len(before.fit.theta), False, 0.0
     densities = [Density(np.zeros(len(m.fit.theta))) for m in (before, after)]
     for joint in joints:
         residuals = [[_white_residual(model, index, joint) for index in validate] for model in (before, after)]
         old, new = (np.concatenate(parts) for parts in residuals)
         left = float(old @ old), float(new @ new)
         gain += left[0] - left[1]
+        rise = max(rise, float(np.sqrt(left[1] / left[0])) - 1.0) if left[0] > 0 else np.inf
         if len(old) != len(new):  # a signal that is moved in time has other rows at rest
             expected = np.inf
             continue
@@ -253,7 +257,7 @@ def on_validate(
             for own, m in zip(densities, (before, after), strict=True)
         ]
         predicted = 2.0 * (logs[1] - logs[0])
-    return OnValidate(gain, expected, spread, predicted, entered)
+    return OnValidate(gain, expected, spread, predicted, entered, rise)
 
 
 @dataclass(frozen=True)
