@@ -182,6 +182,8 @@ _WRIST = 0.03
 #: much of its effort; and a weight that is known so well.
 _INERTIA_SIGMAS, _INDEPENDENT, _MAKES_UP = 6.0, 4.0, 0.1
 _LEAST_ROWS = 60
+#: Share of the strongest below which the efforts show nothing of a pull in some direction.
+_HARDLY = 0.01
 
 
 def inertia_findings(trial: Trial) -> list[Finding]:
@@ -208,7 +210,11 @@ def _inertia_ratios(trial: Trial) -> FloatArray:
     zero = np.zeros_like(motion.q)
     static = rigid_body_regressor(trial.machine, motion.q, zero, zero)
     plausible = np.array([_inertia(trial, joint, static, links) for joint in range(n)])
-    weights, found = np.zeros(2), []
+    # In whichever direction the arm is pulled: where the file has another one, its weight is no smaller for that.
+    axes = (float(np.linalg.norm(trial.machine.gravity)) * np.eye(3)).tolist()
+    pulled = [trial.machine.model_copy(update={"gravity": tuple(axis)}) for axis in axes]
+    pulls = [rigid_body_regressor(machine, motion.q, zero, zero) @ links for machine in pulled]
+    gram, shown, found = np.zeros((3, 3)), np.zeros(3), []
     for joint in range(n):
         rows = motion.active[:, joint] & samples.loaded & samples.used
         effort = measured_effort(trial, joint)[0] * motion.r[:, joint]
@@ -219,8 +225,9 @@ def _inertia_ratios(trial: Trial) -> FloatArray:
         rest = np.column_stack([friction(motion.v[rows, joint], motion.speed_noise[joint]), np.ones(len(x)), x])
         own = static[rows, joint]
         # What the rods weigh of one kilogram, and what the joint's effort shows of it.
-        weight = without(np.column_stack([rest, acceleration]), np.column_stack([own @ links, effort[rows]]))
-        weights += [float(weight[:, 0] @ weight[:, 1]) / size**2, float(weight[:, 0] @ weight[:, 0]) / size**2]
+        weighed = np.column_stack([*(pull[rows, joint] for pull in pulls), effort[rows]])
+        weight = without(np.column_stack([rest, acceleration]), weighed) / size
+        gram, shown = gram + weight[:, :3].T @ weight[:, :3], shown + weight[:, :3].T @ weight[:, 3]
         left = without(np.column_stack([rest, own]), np.column_stack([acceleration, effort[rows]]))
         square = float(left[:, 0] @ left[:, 0])
         if not square > 0:
@@ -229,7 +236,7 @@ def _inertia_ratios(trial: Trial) -> FloatArray:
         noise = float(np.std(left[:, 1] - inertia * left[:, 0])) * np.sqrt(_INDEPENDENT / square)
         if inertia > _INERTIA_SIGMAS * noise and inertia * np.std(acceleration) > _MAKES_UP * size:
             found.append((joint, inertia))
-    mass = weights[0] / weights[1] if weights[1] > 0 else 0.0
+    mass = float(np.linalg.norm(np.linalg.lstsq(gram, shown, rcond=_HARDLY)[0]))
     if not mass > 0:
         return np.zeros(0)
     counted = [(j, own) for j, own in found if plausible[j] > _WRIST * plausible.max()]
