@@ -97,9 +97,9 @@ def make_case(key: CaseKey, selection: Selection) -> BenchCase:
     if key.kind == "null":
         measured = {stem: bare[stem][0] for stem in STEMS}
         return BenchCase(key, plan.machine, measured, plan.truth, quality, (), ())
-    positions = RECIPES[selection.recipe].positions
-    sight = Sight(plan.machine, plan.truth, quality, {s: t[1] for s, t in bare.items()}, positions)
-    bench = _Workbench(plan, quality, sight, RECIPES[selection.recipe].zeros)
+    recipe = RECIPES[selection.recipe]
+    sight = Sight(plan.machine, plan.truth, quality, {s: t[1] for s, t in bare.items()}, recipe.positions, recipe.lines)
+    bench = _Workbench(plan, quality, sight, recipe.zeros)
     redrawn: list[Redrawn] = []
     specs: list[EffectSpec] = []
     seen: list[float] = []

@@ -47,7 +47,8 @@ class Recipe:
     """Pools of cases: kinds of arms, effects outside the catalogue, and effects that bend position sensors.
 
     Their order counts. ``zeros`` of position sensors, the piston's and the joint's, look like play on one side: it is
-    as large as what is beyond them. ``positions``: the size of an effect counts all noise of inertia, too.
+    as large as what is beyond them. ``positions``: the size of an effect counts all noise of inertia, too; ``lines``:
+    that of a spectral line does.
     """
 
     arms: tuple[ArmKind, ...]
@@ -55,6 +56,7 @@ class Recipe:
     kinematic: tuple[str, ...] = KINEMATIC
     zeros: int = 1
     positions: bool = False
+    lines: bool = False
 
 
 #: By number; a number is added whenever the same key would give another case, and makes its own cases for ever.
@@ -63,6 +65,7 @@ RECIPES = {
     4: Recipe(tuple(ARMS), OUTSIDE),
     5: Recipe(tuple(ARMS), OUTSIDE, (*KINEMATIC, *MISMATCH), 2),
     6: Recipe(tuple(ARMS), OUTSIDE, (*KINEMATIC, *MISMATCH), 2, True),
+    7: Recipe(tuple(ARMS), OUTSIDE, (*KINEMATIC, *MISMATCH), 2, True, True),
 }
 RECIPE = max(RECIPES)
 

@@ -86,10 +86,18 @@ class Sight:
         Ideal tables of the fitted recordings without any effect, by stem.
     positions : bool
         Count what noise of the encoders, and motion that they do not follow, make of inertia.
+    lines : bool
+        Count that for spectral lines, too.
     """
 
     def __init__(
-        self, machine: Machine, truth: Truth, quality: SensorQuality, bare: Mapping[str, Table], positions: bool = True
+        self,
+        machine: Machine,
+        truth: Truth,
+        quality: SensorQuality,
+        bare: Mapping[str, Table],
+        positions: bool = True,
+        lines: bool = True,
     ) -> None:
         self._machine = machine
         self._bare = bare
@@ -99,16 +107,17 @@ class Sight:
         self._step = max(1, int(rate / (2.75 * BANDWIDTH)))
         lags = round(8.0 * rate)
         joints = range(len(machine.joints))
-        self._covariances = [noise_covariance(machine, truth, quality, joint, lags) for joint in joints]
+        covariances = np.array([noise_covariance(machine, truth, quality, joint, lags) for joint in joints])
         angles = np.stack([bare["train-1"][_encoder(machine, j.name)] for j in machine.joints], axis=1)
         masses = {
             True: inertias(machine, truth, angles),
             False: np.diag([truth.cylinders[j.name].m ** 2 for j in machine.joints]),
         }
-        self._whitening = {}
-        for loaded, mass in masses.items():
-            noise = self._covariances + positions * (mass @ restlessness(machine, quality, loaded, lags))
-            self._whitening[loaded] = [self._whitener(own) for own in noise]
+        moved = {loaded: mass @ restlessness(machine, quality, loaded, lags) for loaded, mass in masses.items()}
+        self._broad = {loaded: covariances + lines * own for loaded, own in moved.items()}
+        self._whitening = {
+            loaded: [self._whitener(noise) for noise in covariances + positions * own] for loaded, own in moved.items()
+        }
         self._basis = self._base_columns(bare)
         self._position_std = [self._gap_noise(quality, joint) for joint in joints]
 
@@ -126,8 +135,9 @@ class Sight:
     def broadband(self, tables: Mapping[str, Table]) -> float:
         """Compute the same without filter and projection, for spectral lines: they may lie above the filter's band."""
         total = 0.0
-        for joint, covariance in enumerate(self._covariances):
+        for joint in range(len(self._machine.joints)):
             for stem in FITTED:
+                covariance = self._broad[stem != "unloaded"][joint]
                 difference = self._difference(tables, self._bare, stem, joint)
                 difference = difference - difference.mean()
                 density = _density(covariance, np.asarray(np.fft.rfftfreq(len(difference)), dtype=np.float64))

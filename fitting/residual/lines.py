@@ -265,9 +265,9 @@ def _refutation(levels: Sequence[Level], cleaned: Sequence[Level], frequency: fl
         unseen = scipy.special.gammaincc(len(levels) - 1, others) > _SUPPORT_P
         if unseen and scipy.stats.ncx2.cdf(2.0 * others, 2 * (len(levels) - 1), 2.0 * expected) < _MISSES:
             return "it is there in one recording only"
-        usual = float(np.median(amplitudes))
-        for level, amplitude, std in zip(levels, amplitudes, stds, strict=True):
-            if amplitude < _ABSENT_SHARE * usual and (1 - _ABSENT_SHARE) * usual > _ABSENT_Z * std:
+        for number, (level, amplitude, std) in enumerate(zip(levels, amplitudes, stds, strict=True)):
+            usual, spread = _amplitude([*levels[:number], *levels[number + 1 :]], frequency)
+            if amplitude < _ABSENT_SHARE * usual and (1 - _ABSENT_SHARE) * usual > _ABSENT_Z * np.hypot(std, spread):
                 return f"recording {level.part.recording} would have shown it and does not"
     moved = np.array([_of_the_motion(level.part, frequency, rate_hz) for level in levels])
     if np.mean(moved) >= 0.5 and not _vouched(levels, frequency):
@@ -317,9 +317,18 @@ def _vouched(levels: Sequence[Level], frequency: float) -> bool:
     return False
 
 
+def _amplitude(levels: Sequence[Level], frequency: float) -> tuple[float, float]:
+    """Return a line's root mean square amplitude over some parts, in raw units and without noise, and its deviation."""
+    weights = np.array([len(level.values) / level.density(frequency) ** 2 for level in levels])
+    sizes = [np.hypot(*sine_fit(level.time, level.values, frequency)) * level.density(frequency) for level in levels]
+    # Noise adds 4 / weight to each squared amplitude (2 / weight to each of sine and cosine).
+    mean = (weights @ np.square(sizes) - 4.0 * len(levels)) / weights.sum()
+    return float(np.sqrt(max(mean, 0.0))), float(np.sqrt(2.0 / weights.sum()))
+
+
 def _line(joint: int, levels: Sequence[Level], frequency: float, z: float, p: float, rate_hz: float) -> Line:
     """Return the line's numbers in raw units; parts of one recording share a phase."""
-    phases, amplitudes, information = {}, {}, 0.0
+    phases, amplitudes = {}, {}
     for recording in sorted({level.part.recording for level in levels}):
         own = [level for level in levels if level.part.recording == recording]
         time = np.concatenate([level.time for level in own])
@@ -327,20 +336,15 @@ def _line(joint: int, levels: Sequence[Level], frequency: float, z: float, p: fl
         gain = float(np.mean([level.density(frequency) for level in own]))
         a, b = sine_fit(time, values, frequency)
         phases[recording], amplitudes[recording] = float(np.arctan2(b, a)), float(np.hypot(a, b) * gain)
-    squares, weights = [], []
-    for level in levels:
-        samples = len(level.values)
-        information += 4 * np.pi**2 * (samples / rate_hz) ** 2 / 6.0 * level.evidence(frequency)
-        squares.append(np.sum(np.square(sine_fit(level.time, level.values, frequency))) * level.density(frequency) ** 2)
-        weights.append(samples / level.density(frequency) ** 2)
-    # Noise adds 4 / weight to each squared amplitude (2 / weight to each of sine and cosine).
-    mean = (np.dot(weights, squares) - 4.0 * len(levels)) / np.sum(weights)
+    seconds = np.array([len(level.values) / rate_hz for level in levels])
+    information = 4 * np.pi**2 / 6.0 * float(seconds**2 @ [level.evidence(frequency) for level in levels])
+    amplitude, amplitude_std = _amplitude(levels, frequency)
     return Line(
         joint=joint,
         frequency_hz=frequency,
         frequency_std=float(1.0 / np.sqrt(max(information, 1e-300))),
-        amplitude=float(np.sqrt(max(mean, 0.0))),
-        amplitude_std=float(np.sqrt(2.0 / np.sum(weights))),
+        amplitude=amplitude,
+        amplitude_std=amplitude_std,
         z=z,
         p=p,
         phases=phases,

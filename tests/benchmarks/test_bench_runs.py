@@ -144,7 +144,8 @@ def test_recipes_stay_as_they_are() -> None:
     usual = ("encoder_offset", "linkage_geometry", "encoder_eccentricity", "backlash")
     assert set(RECIPES[3].kinematic) == set(RECIPES[4].kinematic) == set(usual)
     assert set(RECIPES[5].kinematic) > set(usual) and RECIPES[5].outside == first + later
-    assert RECIPE == 6 and RECIPES[6] == replace(RECIPES[5], positions=True)
+    assert RECIPES[6] == replace(RECIPES[5], positions=True)
+    assert RECIPE == 7 and RECIPES[7] == replace(RECIPES[6], lines=True)
     assert set(OUTSIDE) == set(first + later)
 
 

@@ -145,7 +145,7 @@ def test_chances_are_calibrated_where_nothing_is_refuted() -> None:
     assert 10 < len(found) < 58
 
 
-@pytest.mark.parametrize("loud", [3.0, 8.0])
+@pytest.mark.parametrize("loud", [3.0, 8.0, 40.0])
 def test_a_line_is_not_refuted_by_recordings_that_are_too_loud_to_show_it(loud: float) -> None:
     """A cylinder that is free is quiet; with the arm on it there is more noise, and as much of the pump's line."""
     amplitude = 14.0 * background(5.0) / np.sqrt(SAMPLES / 2)
