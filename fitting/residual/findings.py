@@ -172,9 +172,8 @@ class Attribution:
     @property
     def ripples(self) -> tuple[Line, ...]:
         """Lines that are named although nothing is added: a pump's, above the band."""
-        design = self.base.design
-        above = (line for line in self.lines if line.frequency_hz > design.bank.bandwidth_hz)
-        return tuple(line for line in above if is_ripple(design.machine, line))
+        above = (line for line in self.lines if line.frequency_hz > self.base.design.bank.bandwidth_hz)
+        return tuple(line for line in above if is_ripple(self.base.design.machine, line))
 
     @property
     def verdict(self) -> str:
