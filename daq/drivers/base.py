@@ -261,10 +261,13 @@ def by_device(channels: Sequence[Channel], number: Callable[[Any], int]) -> dict
 
 def make_driver(bus: Any, channels: Sequence[Channel], context: DriverContext) -> Driver:
     """Make the driver for an entry of ``buses:``, of ``BUSES`` or of another package's entry point for its type."""
-    own, others = {kind.tag: kind.driver for kind in BUSES}, DRIVERS.names()
-    if bus.type not in own and bus.type not in others:
+    own = {kind.tag: kind.driver for kind in BUSES}
+    if bus.type in own:
+        kind = resolve_name(own[bus.type])
+    elif bus.type in (others := DRIVERS.names()):
+        kind = DRIVERS.load(bus.type)
+    else:
         names = ", ".join(sorted({*own, *others}))
         raise MachineFileError("daq.bus_no_driver_type", bus=bus.name, type=bus.type, names=names)
-    kind = resolve_name(own[bus.type]) if bus.type in own else DRIVERS.load(bus.type)
     made: Driver = kind(bus, channels, context)
     return made

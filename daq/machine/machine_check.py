@@ -14,7 +14,7 @@ from daq.machine.buses import CanopenBus, CanSignalsBus
 from daq.machine.coherence import incoherences
 from daq.machine.joints import Cylinder, Drive, Joint
 from daq.machine.machine_file import Channel, Machine, content_of, machine_of, read_machine_text
-from daq.machine.machine_file_errors import Place, Problem, line_of
+from daq.machine.machine_file_errors import Place, Problem, key_of, line_of
 from daq.machine.plausible import unusual_values, unusual_valves
 from daq.machine.travel import travel_of
 from daq.machine.valves import Valve
@@ -52,7 +52,7 @@ def check_machine(path: str | Path) -> Checked:
     findings = list(problems)
     named = {finding.key for finding in findings}
     for unusual in (*unusual_values(content), *(() if machine is None else unusual_valves(machine))):
-        key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in unusual.place).lstrip(".")
+        key = key_of(unusual.place)
         if key not in named:  # of several about one key the first holds most
             named.add(key)
             findings.append(Problem(line_of(tree, unusual.place), key, unusual.text, unusual.cure, "warning"))

@@ -83,7 +83,7 @@ def _problem(
     tree: yaml.Node | None, problem: ErrorDetails, at: Place, what: str, keys: Sequence[str], tags: Collection[str]
 ) -> Problem:
     location = [part for part in problem["loc"] if not (isinstance(part, str) and part in tags)]
-    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).lstrip(".")
+    key = key_of(location)
     if problem["type"] == "extra_forbidden":
         hint = did_you_mean(str(location[-1]), keys)
         what = Sentence("daq.unknown_key", hint=hint) if hint else Sentence("daq.unknown_key_remove")
@@ -95,6 +95,11 @@ def _problem(
         what = what if isinstance(what, Sentence) else what[0].lower() + what[1:]
         what = Sentence("daq.with_what_was_found", what=what, problem=short(repr(problem["input"])))
     return Problem(line_of(tree, [*location, *at]), key, what)
+
+
+def key_of(place: Sequence[str | int]) -> str:
+    """Write a place as a key, ``joints[0].cylinder.bore``."""
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place).lstrip(".")
 
 
 def short(text: str) -> str:

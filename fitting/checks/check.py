@@ -183,10 +183,10 @@ def _of_positions(machine: Machine, own: Disagreement, places: Places) -> Findin
     channels = [c.name for n in names if quantity and (c := machine.channel(quantity, n))]
     where = places.channels(machine, channels) if channels else places.key(option.key)
     text = filled(option.text, channel=channel.name if channel else "", joint=names[0])
-    lead = "" if channel is not None else f"{names[0]}: "  # channels have their joint in their names
+    seen = Sentence("fitting.two_sensors_disagree_motion", text=text, before=own.before, after=own.after)
     return Finding(
         option.code,
-        Sentence("fitting.two_sensors_disagree_motion", lead=lead, text=text, before=own.before, after=own.after),
+        named(names[0], seen) if channel is None else seen,  # channels have their joint in their names
         option.cure + where,
         alternatives=tuple(_named(machine, names[0], quantity, text) for text in own.alternatives),
         joint=names[0],

@@ -11,7 +11,7 @@ import numpy as np
 from fitting.residual.change_points import ChangePoint
 from fitting.residual.confirmation.cross_validation import HeldOut
 from fitting.residual.laws import Law
-from fitting.residual.lines import Line, is_ripple
+from fitting.residual.lines import Line, ripples
 from fitting.residual.scoring import Score
 from fitting.residual.terms import Model, Term
 
@@ -170,10 +170,10 @@ class Attribution:
         return replace(self, candidates=tuple(replace(c, status=s, reason=r) for c, s, r in lines))
 
     @property
-    def ripples(self) -> tuple[Line, ...]:
-        """Lines that are named although nothing is added: a pump's, above the band."""
-        above = (line for line in self.lines if line.frequency_hz > self.base.design.bank.bandwidth_hz)
-        return tuple(line for line in above if is_ripple(self.base.design.machine, line))
+    def ripples(self) -> list[Line]:
+        """Lines that are named although nothing is added."""
+        design = self.base.design
+        return ripples(design.machine, self.lines, design.bank.bandwidth_hz)
 
     @property
     def verdict(self) -> str:
@@ -181,7 +181,7 @@ class Attribution:
         if all(item.score.term.is_line for item in self.accepted):
             if self.unconfirmed or self.nothing < 0.5:
                 return "unexplained"
-            return "effect_added" if self.accepted or self.ripples else "nothing_missing"
+            return "effect_added" if self.accepted or (self.lines and self.ripples) else "nothing_missing"
         if any(isinstance(a.score.term.content, Law) for a in self.accepted) or self.nothing_more < 0.5:
             return "unexplained"
         return "ambiguous" if any(a.rivals for a in self.accepted) else "effect_added"

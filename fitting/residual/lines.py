@@ -101,6 +101,11 @@ def is_ripple(machine: Machine, line: Line) -> bool:
     return line_effect().applies(machine, line.joint)
 
 
+def ripples(machine: Machine, lines: Sequence[Line], bandwidth_hz: float) -> list[Line]:
+    """Return the lines that are named although nothing is added: a pump's, above the band."""
+    return [line for line in lines if line.frequency_hz > bandwidth_hz and is_ripple(machine, line)]
+
+
 @dataclass(frozen=True)
 class RefutedLine:
     """A significant peak that is no line of its own, and why."""
@@ -247,8 +252,7 @@ def _refined(levels: Sequence[Level], frequency: float, resolution: float) -> tu
 def _refutation(levels: Sequence[Level], cleaned: Sequence[Level], frequency: float, z: float, rate_hz: float) -> str:
     """Return why a significant peak is no line of its own; empty without objection."""
     own = np.array([level.evidence(frequency) for level in levels])
-    amplitudes = np.array([np.hypot(*sine_fit(v.time, v.values, frequency)) * v.density(frequency) for v in levels])
-    stds = np.array([np.sqrt(2.0 / len(v.values)) * v.density(frequency) for v in levels])
+    amplitudes, stds = _amplitudes(levels, frequency)
     beside = 0.0
     for level in cleaned:
         step = rate_hz / len(level.values)
@@ -266,7 +270,7 @@ def _refutation(levels: Sequence[Level], cleaned: Sequence[Level], frequency: fl
         if unseen and scipy.stats.ncx2.cdf(2.0 * others, 2 * (len(levels) - 1), 2.0 * expected) < _MISSES:
             return "it is there in one recording only"
         for number, (level, amplitude, std) in enumerate(zip(levels, amplitudes, stds, strict=True)):
-            usual, spread = _amplitude([*levels[:number], *levels[number + 1 :]], frequency)
+            usual, spread = _together(np.delete(amplitudes, number), np.delete(stds, number))
             if amplitude < _ABSENT_SHARE * usual and (1 - _ABSENT_SHARE) * usual > _ABSENT_Z * np.hypot(std, spread):
                 return f"recording {level.part.recording} would have shown it and does not"
     moved = np.array([_of_the_motion(level.part, frequency, rate_hz) for level in levels])
@@ -317,12 +321,17 @@ def _vouched(levels: Sequence[Level], frequency: float) -> bool:
     return False
 
 
-def _amplitude(levels: Sequence[Level], frequency: float) -> tuple[float, float]:
-    """Return a line's root mean square amplitude over some parts, in raw units and without noise, and its deviation."""
-    weights = np.array([len(level.values) / level.density(frequency) ** 2 for level in levels])
+def _amplitudes(levels: Sequence[Level], frequency: float) -> tuple[FloatArray, FloatArray]:
+    """Return a line's amplitude in each part, (P,), in raw units and with noise, and standard deviations."""
     sizes = [np.hypot(*sine_fit(level.time, level.values, frequency)) * level.density(frequency) for level in levels]
+    return np.array(sizes), np.array([np.sqrt(2.0 / len(v.values)) * v.density(frequency) for v in levels])
+
+
+def _together(amplitudes: FloatArray, stds: FloatArray) -> tuple[float, float]:
+    """Return the root mean square of amplitudes (P,) without noise, and its standard deviation."""
+    weights = 2.0 / stds**2
     # Noise adds 4 / weight to each squared amplitude (2 / weight to each of sine and cosine).
-    mean = (weights @ np.square(sizes) - 4.0 * len(levels)) / weights.sum()
+    mean = (weights @ np.square(amplitudes) - 4.0 * len(amplitudes)) / weights.sum()
     return float(np.sqrt(max(mean, 0.0))), float(np.sqrt(2.0 / weights.sum()))
 
 
@@ -338,7 +347,7 @@ def _line(joint: int, levels: Sequence[Level], frequency: float, z: float, p: fl
         phases[recording], amplitudes[recording] = float(np.arctan2(b, a)), float(np.hypot(a, b) * gain)
     seconds = np.array([len(level.values) / rate_hz for level in levels])
     information = 4 * np.pi**2 / 6.0 * float(seconds**2 @ [level.evidence(frequency) for level in levels])
-    amplitude, amplitude_std = _amplitude(levels, frequency)
+    amplitude, amplitude_std = _together(*_amplitudes(levels, frequency))
     return Line(
         joint=joint,
         frequency_hz=frequency,

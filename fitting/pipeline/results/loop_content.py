@@ -29,7 +29,7 @@ from fitting.report.joint_words import in_own_units, own_unit
 from fitting.residual.change_points import ChangePoint
 from fitting.residual.findings import Accepted, Attribution, Hypothesis, Unconfirmed
 from fitting.residual.laws import Law
-from fitting.residual.lines import Line, is_ripple
+from fitting.residual.lines import Line, ripples
 from fitting.residual.stored_terms import step_to_json
 from fitting.residual.surfaces import second_variable
 from fitting.residual.terms import Model, Term
@@ -64,8 +64,7 @@ def loop_content(session: Session, results: StageResults, model: Model) -> dict[
             unexplained.append(_added_law(machine, content, model, number, accepted))
         else:
             effects.append(_added_effect(machine, content, model, number, accepted))
-    ripples = (line for line in found.lines if is_ripple(machine, line))
-    effects += [_line_effect(names, line) for line in ripples if line.frequency_hz > session.bank.bandwidth_hz]
+    effects += [_line_effect(names, line) for line in ripples(machine, found.lines, session.bank.bandwidth_hz)]
     unexplained += [*results[Residual].laws, *found.unconfirmed]
     outcome, reasons = verdict(results, names)
     designed, resolved = found.next_experiment, results.get(Resolution) or Resolution()
